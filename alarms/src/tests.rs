@@ -153,7 +153,7 @@ fn only_a_latched_alarm_is_reset_also_by_a_changed_rule() {
 }
 
 #[test]
-fn a_shelved_alarm_is_evaluated_and_notifies_nobody() {
+fn a_shelved_alarm_is_evaluated_without_a_notification() {
     let mut alarms = alarms(false);
     assert_eq!(
         order(&mut alarms, 0.0, Order::ShelveOnce),

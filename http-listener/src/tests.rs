@@ -110,7 +110,7 @@ async fn a_host_that_is_not_ours_is_refused() {
 }
 
 #[tokio::test]
-async fn silent_clients_make_way_and_are_disconnected() {
+async fn the_oldest_idle_clients_are_disconnected_for_new_ones() {
     let local = SocketAddr::from(([127, 0, 0, 1], 0));
     let hosts = Hosts::Own(Vec::new());
     let listener = HttpListener::open(local, hosts, metrics).await.unwrap();

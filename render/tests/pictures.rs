@@ -75,7 +75,7 @@ impl Pixels {
 }
 
 #[test]
-fn an_svg_says_title_units_numbers_marks_and_simulated() {
+fn an_svg_has_title_units_numbers_marks_and_simulated() {
     let (sheet, map) = scene();
     let svg = render::svg(&sheet, &map, &style()).unwrap();
     for words in [
@@ -420,7 +420,7 @@ fn a_load_that_is_no_disc_has_its_outline_dashed() {
 }
 
 #[test]
-fn a_map_of_noise_is_grey_on_a_fixed_scale_and_says_so() {
+fn a_map_of_noise_is_grey_on_a_fixed_scale_with_a_note() {
     let (sheet, mut map) = scene();
     map.values.iter_mut().for_each(|value| *value *= 0.004);
     let style = TerminalStyle {

@@ -188,7 +188,7 @@ mod tests {
     use crate::control::*;
 
     #[tokio::test]
-    async fn a_socket_takes_the_place_of_a_dead_socket_only() {
+    async fn a_socket_replaces_only_an_unused_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("control");
         std::fs::write(&path, "precious").unwrap();

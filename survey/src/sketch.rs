@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn distance_sees_one_triangle_and_order_and_is_zero_to_itself() {
+    fn distance_depends_on_each_triangle_and_on_their_order() {
         let here = noise(7);
         let kept = map(here.clone()).signed_sum(3);
         assert_eq!(map(here.clone()).distance(kept, 3), 0.0);

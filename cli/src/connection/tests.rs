@@ -22,7 +22,7 @@ fn an_ambiguous_beginning_lists_the_sessions_that_match() {
 }
 
 #[test]
-fn every_refusal_has_its_exit_code_and_says_what_to_do() {
+fn every_refusal_has_its_exit_code_and_a_remedy() {
     let text = || "so it is".to_owned();
     for (refusal, code, advice) in [
         (Fault::SessionActive(text()), 1, "tactus stop"),
@@ -52,7 +52,7 @@ fn every_refusal_has_its_exit_code_and_says_what_to_do() {
 }
 
 #[test]
-fn what_the_bus_itself_says_has_an_exit_code_too() {
+fn errors_of_the_bus_itself_have_an_exit_code() {
     use zbus::fdo::Error;
     let code = |error: Error| {
         let failure = fault("it", &Fault::Connection(zbus::Error::FDO(Box::new(error))));
@@ -78,7 +78,7 @@ fn advice_is_not_given_twice() {
 }
 
 #[tokio::test]
-async fn no_daemon_says_how_to_start_one() {
+async fn without_a_daemon_the_error_shows_how_to_start_one() {
     let folder = tempfile::tempdir().unwrap();
     let global = Global {
         bus: Some(format!("unix:{}/peer", folder.path().display())),

@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn advice_stands_below_its_finding() {
+    fn advice_is_below_its_finding() {
         let finding = Finding::bad("user", "not in the group tactus", "add it");
         assert_eq!(
             finding.for_a_person(),

@@ -150,7 +150,7 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
 }
 
 #[test]
-fn pictures_say_that_they_are_simulated() {
+fn pictures_are_marked_as_simulated() {
     let folder = tempfile::tempdir().unwrap();
     session(folder.path());
     let line = lines(&done(

@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_are_dropped_and_the_next_record_says_how_many() {
+    fn the_oldest_are_dropped_and_the_next_record_has_their_number() {
         let mut ring = Ring::new(3);
         for sequence in 1..=7 {
             ring.push(record(sequence));

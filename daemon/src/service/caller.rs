@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_kernel_says_who_is_at_the_other_end() {
+    async fn the_kernel_names_the_client_of_a_connection() {
         let (ours, _theirs) = UnixStream::pair().unwrap();
         let caller = Caller::at(&ours).unwrap();
         assert!(caller.is_ours());

@@ -221,7 +221,7 @@ async fn each_fault_is_found_and_named() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn nobody_tests_while_somebody_records_nor_the_other_way_round() {
+async fn self_test_and_recording_exclude_each_other() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     daemon.baseline(1).await;

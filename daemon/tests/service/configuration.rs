@@ -15,7 +15,7 @@ fn check(config: &str) -> (Option<i32>, String) {
 }
 
 #[test]
-fn the_shipped_example_has_no_problem_and_says_every_section() {
+fn the_shipped_example_is_valid_and_has_every_section() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config.toml");
     let text = std::fs::read_to_string(file).unwrap();
     let (code, message) = check(&text);

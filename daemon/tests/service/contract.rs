@@ -24,7 +24,7 @@ fn unindented(text: &str) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn introspection_is_what_the_xml_says() {
+async fn introspection_equals_the_xml() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     let session = daemon

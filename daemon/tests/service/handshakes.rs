@@ -119,7 +119,7 @@ async fn no_greeting_on_the_peer_socket_disturbs_the_session() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_connects_and_says_nothing_is_dropped_and_holds_nobody_up() {
+async fn idle_connection_is_dropped_and_delays_no_other() {
     let mut measuring = Measuring::begin().await;
     let mut end = watched(&measuring);
     let socket = measuring.stage.path().join("run/peer");

@@ -15,7 +15,7 @@ async fn health(daemon: &crate::stage::Running) -> dbus::Health {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_daemon_says_that_it_is_well_and_what_it_has() {
+async fn a_daemon_reports_its_health() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     let before = health(&daemon).await;

@@ -8,7 +8,7 @@ use simulator::{
 };
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_bad_configuration_changes_nothing_and_says_where_it_is_bad() {
+async fn a_bad_configuration_changes_nothing_and_names_the_line() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     let mut happened = daemon.manager.receive_happened().await.unwrap();

@@ -266,7 +266,7 @@ async fn suspension_is_between_frames_and_sigterm_closes_the_record() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn one_daemon_has_the_record_and_the_next_knows_the_baseline() {
+async fn the_record_has_one_daemon_and_the_next_finds_the_baseline() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     let baseline = daemon.baseline(2).await.id().await.unwrap();

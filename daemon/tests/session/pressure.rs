@@ -14,7 +14,7 @@ fn calibration(mesh: &str, method: &str) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_calibrated_method_says_newtons() {
+async fn a_calibrated_method_reports_newtons() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     daemon.baseline(2).await;

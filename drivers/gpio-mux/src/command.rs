@@ -307,7 +307,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_driver_says_the_board_hears() {
+    fn commands_of_the_driver_are_parsed_by_the_board() {
         let electrode = Electrode(25);
         let mut said = vec![
             Command::Identify,

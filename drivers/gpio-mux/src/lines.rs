@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn electrodes_are_where_the_map_says() {
+    fn electrodes_are_those_of_the_map() {
         // Section 2: chip A up to 16, S3..S0 = (n - 1) mod 16.
         for (number, chip, address) in [
             (1, Chip::A, 0),

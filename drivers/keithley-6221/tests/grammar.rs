@@ -160,7 +160,7 @@ fn every_command() -> Vec<Command> {
 }
 
 #[test]
-fn what_the_driver_says_the_simulator_hears() {
+fn commands_of_the_driver_are_parsed_by_the_simulator() {
     for said in every_command() {
         assert_eq!(said.to_string().parse().as_ref(), Ok(&said), "{said}");
         assert_eq!(said.is_query(), said.to_string().contains('?'), "{said}");
@@ -168,7 +168,7 @@ fn what_the_driver_says_the_simulator_hears() {
 }
 
 #[test]
-fn a_message_of_all_commands_is_heard_as_those_commands() {
+fn a_message_of_all_commands_is_parsed_as_those_commands() {
     let said = every_command();
     let received: Vec<Command> = parse_message(scpi::join_units(&said))
         .iter()
@@ -178,7 +178,7 @@ fn a_message_of_all_commands_is_heard_as_those_commands() {
 }
 
 #[test]
-fn long_forms_and_units_are_heard() {
+fn long_forms_and_units_are_parsed() {
     for (text, meant) in [
         (
             ":SOURCE:CURRENT:LEVEL:IMMEDIATE:AMPLITUDE 2 mA",
@@ -261,7 +261,7 @@ fn what_is_out_of_range_or_of_another_type_has_its_number() {
 
 proptest! {
     #[test]
-    fn levels_are_told_to_the_last_bit(level in -0.105f64..=0.105, limit in 0.1f64..=105.0) {
+    fn levels_are_sent_to_the_last_bit(level in -0.105f64..=0.105, limit in 0.1f64..=105.0) {
         for said in [
             Command::SetLevel(Amps(level)),
             Command::SetRange(Amps(level)),

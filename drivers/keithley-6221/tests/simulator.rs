@@ -59,7 +59,7 @@ fn open_output_is_in_compliance_at_any_nonzero_level() {
 }
 
 #[test]
-fn the_load_is_told_only_of_changes_and_of_the_range() {
+fn the_load_gets_only_changes_and_the_range() {
     let mut source = instrument();
     let mut load = Witness {
         resistance: 100.0,
@@ -131,7 +131,7 @@ fn line() -> impl Strategy<Value = String> {
 
 proptest! {
     #[test]
-    fn whatever_is_heard_the_instrument_stays_within_its_limits(
+    fn any_input_leaves_the_instrument_within_its_limits(
         lines in proptest::collection::vec(line(), 0..20),
         resistance in prop_oneof![Just(f64::INFINITY), Just(0.0), Just(f64::NAN), 1e-3..1e12],
     ) {

@@ -47,7 +47,7 @@ fn readings_are_taken_and_appear_at_their_own_instants() {
 }
 
 #[test]
-fn whoever_owns_the_time_is_told_when_to_look() {
+fn a_scan_has_the_time_of_its_next_event() {
     let (mut unit, mut sheet) = scanner();
     assert_eq!(unit.due(), None);
     ask(&mut unit, &mut sheet, "INIT", START);
@@ -182,7 +182,7 @@ fn external_pulse_triggers_a_waiting_scan_and_nothing_else() {
 }
 
 #[test]
-fn a_full_memory_loses_the_oldest_and_says_so() {
+fn a_full_memory_loses_the_oldest_and_reports_it() {
     let mut settings = Settings34980a {
         memory: 25,
         ..Settings34980a::default()
@@ -213,7 +213,7 @@ fn a_full_memory_loses_the_oldest_and_says_so() {
 }
 
 #[test]
-fn a_year_of_silence_costs_no_more_than_a_full_memory() {
+fn a_year_without_commands_costs_at_most_a_full_memory() {
     let mut settings = Settings34980a {
         memory: 1000,
         ..Settings34980a::default()
@@ -289,7 +289,7 @@ fn order_off_keeps_order_and_repeats() {
 proptest! {
     /// The number of time steps changes no reading, no time of a reading, and no end of a scan.
     #[test]
-    fn how_often_time_is_told_changes_nothing(
+    fn the_number_of_clock_updates_changes_nothing(
         looks in prop::collection::vec(1_u64..2_000_000, 0..40),
         timer in prop::sample::select(vec!["IMM", "TIM"]),
     ) {

@@ -62,7 +62,7 @@ async fn every_wiring_reads_every_question_in_its_place_and_ends_safe() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn injections_are_reported_once_and_nobody_waits_for_them() {
+async fn injections_are_reported_once_without_waiting() {
     for wiring in wirings(5) {
         for (held, limited) in [(64, Electrode(2)), (64, Electrode(4)), (2, Electrode(2))] {
             let stand_in = StandIn::new(&wiring).in_compliance_at(limited);
@@ -216,7 +216,7 @@ async fn a_stop_cuts_the_settling_short() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_dropped_future_leaves_the_rig_safe_to_whoever_comes_next() {
+async fn a_dropped_future_leaves_the_rig_safe_for_the_next_caller() {
     for wiring in wirings(5) {
         let plan = plan(&wiring, Duration::ZERO);
         for call in 0..calls(&wiring, &plan).await {

@@ -233,7 +233,7 @@ async fn a_message_and_its_end_are_one_write() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn silence_is_a_timeout_that_names_instrument_and_question() {
+async fn no_reply_is_a_timeout_that_names_instrument_and_query() {
     let (here, _there) = duplex(4096);
     let mut link = Link::new(here, "6221 at 10.0.0.7:1394", DEADLINE);
     let fault = link.ask("*IDN?").await.unwrap_err();
@@ -373,7 +373,7 @@ async fn every_other_reconnection_uses_the_lost_local_port() {
 }
 
 #[tokio::test]
-async fn tcp_is_connected_and_a_dead_address_is_named() {
+async fn tcp_is_connected_and_an_unreachable_address_is_named() {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let mut link = Link::new(

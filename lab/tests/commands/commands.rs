@@ -360,7 +360,7 @@ fn frames_without_noise_make_good_maps() {
 }
 
 #[test]
-fn output_that_nobody_reads_ends_no_command() {
+fn output_without_a_reader_ends_no_command() {
     // a broken pipe, as after `| head`
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);

@@ -226,7 +226,7 @@ fn sets_of_one_spray_seed_have_one_sheet() {
 }
 
 #[test]
-fn presses_that_say_nothing_are_refused_by_line() {
+fn presses_without_information_are_refused_by_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     done(lab(

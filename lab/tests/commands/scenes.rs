@@ -27,7 +27,7 @@ fn a_set_written_over_another_keeps_no_places_of_it() {
 }
 
 #[test]
-fn explain_lists_every_effect_and_says_what_matters() {
+fn explain_lists_every_effect_and_marks_those_that_matter() {
     let line = printed("scene explain paper-test1 --json --frames 20");
     let reported: serde_json::Value = serde_json::from_str(&line).unwrap();
     let effects = reported["effects"].as_array().unwrap();

@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn session_closed_while_read_is_folded_when_nobody_reads_it() {
+    fn session_closed_while_read_is_merged_after_its_last_reader() {
         let folder = tempfile::tempdir().unwrap();
         let dir = folder.path();
         let at = DateTime::UNIX_EPOCH;

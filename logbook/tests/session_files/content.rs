@@ -285,7 +285,7 @@ fn nonsense_is_refused_before_it_is_written() {
 }
 
 #[test]
-fn a_reader_beside_a_writer_sees_what_was_acknowledged() {
+fn a_reader_beside_a_writer_reads_what_was_acknowledged() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = SessionWriter::create(dir.path(), &header("live")).unwrap();
     writer.append(&frame(1), None).unwrap();

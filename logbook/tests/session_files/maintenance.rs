@@ -160,7 +160,7 @@ fn leaves(path: &Path) -> Vec<usize> {
 }
 
 #[test]
-fn a_repair_keeps_what_is_whole_and_says_what_it_cut() {
+fn a_repair_keeps_whole_parts_and_names_what_it_cut() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = begun(dir.path(), &header("m1"), 1..=200);
     writer.event(at(7), "note", "kept").unwrap();

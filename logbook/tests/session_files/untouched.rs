@@ -162,7 +162,7 @@ fn an_interrupted_session_resumes_without_a_stray_journal() {
 }
 
 #[test]
-fn a_reader_of_another_process_sees_what_is_acknowledged() {
+fn a_reader_of_another_process_reads_what_is_acknowledged() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = written(dir.path(), "m1", 8, FRAMES);
     let protocol = Protocol::sheffield(8).unwrap();

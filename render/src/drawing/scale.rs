@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn fixed_ends_say_when_values_lie_beyond() {
+    fn fixed_ends_mark_values_beyond_them() {
         let range = Range::of([(&map(vec![-0.9, 0.0]), Scale::Fixed(-0.5, 0.0))]).unwrap();
         assert!(range.below && !range.above);
         assert_eq!(range.colour(-0.9), range.colour(-0.5));

@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_are_wired_as_map_m_says() {
+    fn pairs_are_wired_by_map_m() {
         let fixture = fixture("34924A");
         let measuring = ends(&fixture, 1026);
         assert_eq!(
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn the_matrix_is_jumpered_as_map_x_says() {
+    fn the_matrix_is_jumpered_by_map_x() {
         let fixture = fixture("34932A");
         assert_eq!(
             ends(&fixture, 1116)[0],

@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_shipped_says_what_it_is() {
+    fn every_shipped_part_has_a_description() {
         let all = json();
         for section in ["modules", "profiles", "scenes", "loads", "faults"] {
             let entries = all[section].as_array().unwrap();

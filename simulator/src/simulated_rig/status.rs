@@ -130,7 +130,7 @@ mod tests {
     use crate::simulated_rig::status::*;
 
     #[test]
-    fn four_lines_say_it_all() {
+    fn simulator_status_has_four_lines() {
         let status = Status {
             at_s: 1.0,
             clients: vec![Client {

@@ -217,7 +217,7 @@ async fn link(served: &Served, instrument: &str) -> Link<rig::BoxStream> {
 }
 
 #[tokio::test]
-async fn replies_go_wrong_as_a_person_says() {
+async fn reply_faults_follow_the_commands() {
     let served = Served::start(&[]);
     let mut mainframe = link(&served, "34980a").await;
     let identity = mainframe.ask("*IDN?").await.unwrap();
@@ -328,7 +328,7 @@ fn what_a_rig_does_not_have_is_refused_with_its_reason() {
 }
 
 #[test]
-fn addresses_and_loads_that_cannot_be_say_why() {
+fn impossible_addresses_and_loads_are_refused_with_the_reason() {
     for (arguments, code, reason) in [
         (
             ["serve", "--bind", "192.0.2.1"],
@@ -466,7 +466,7 @@ async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
 }
 
 #[tokio::test]
-async fn a_board_that_is_reset_says_its_banner() {
+async fn a_board_that_is_reset_sends_its_banner() {
     let rig = simulated("gpio-board", LoadNetwork::Sheet);
     let mut wire = rig.connect(Instrument::Board);
     use tokio::io::{AsyncReadExt, AsyncWriteExt};

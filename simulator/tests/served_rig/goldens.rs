@@ -37,7 +37,7 @@ fn every_golden_of_the_folder_is_held() {
 }
 
 #[test]
-fn a_golden_that_is_not_held_says_where() {
+fn a_deviation_from_a_golden_names_its_line() {
     let parse = |text: &str| Golden::parse("a.golden", text);
     let golden = parse("instrument gpio\ncites nothing\n> OFF\n< ON\n").unwrap();
     let fault = golden.play("a.golden").unwrap_err();

@@ -125,7 +125,7 @@ fn every_limit_is_listed_and_can_be_set() {
 }
 
 #[test]
-fn a_queue_that_overflows_keeps_the_oldest_and_says_so() {
+fn a_queue_that_overflows_keeps_the_oldest_and_reports_it() {
     let served = Served::start(&[]);
     for (key, depth) in [("6221", 10), ("34980a", 20)] {
         let mut client = Client::at(served.address(key));
@@ -237,7 +237,7 @@ fn a_bank_that_is_scanned_takes_no_other_closure() {
 
 /// Invalid input is logged with its sender, escaped, and displayed immediately; other clients are not affected.
 #[test]
-fn bad_input_is_logged_with_its_address_and_disturbs_nobody() {
+fn bad_input_is_logged_with_its_address_and_affects_no_other() {
     let mut child = Command::new(env!("CARGO_BIN_EXE_tactus-sim"))
         .args([
             "serve",

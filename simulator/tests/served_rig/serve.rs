@@ -83,7 +83,7 @@ async fn the_board_is_reached_through_its_serial_port_again_and_again() {
 const ANNOUNCED: Duration = Duration::from_secs(60);
 
 #[tokio::test]
-async fn announced_instruments_are_found_by_name_and_say_goodbye() {
+async fn announced_instruments_are_found_by_name_and_withdrawn() {
     let browser = ServiceDaemon::new().unwrap();
     browser.enable_interface(IfKind::LoopbackV4).unwrap();
     let events = browser.browse("_scpi-raw._tcp.local.").unwrap();

@@ -167,7 +167,7 @@ fn served() -> Served {
 }
 
 #[test]
-fn a_link_reads_in_pieces_and_says_why_it_stops() {
+fn a_link_reads_in_pieces_and_gives_the_reason_of_the_end() {
     let served = served();
     let mut client = Client::of(&served);
     assert_eq!(client.create(b"gpib0,9"), Err(3));
@@ -324,7 +324,7 @@ fn one_link_locks_the_others_out() {
 }
 
 #[test]
-fn what_is_no_call_is_refused_as_rpc_says() {
+fn a_message_that_is_no_call_is_refused_by_the_rpc_rules() {
     let served = served();
     let mut client = Client::of(&served);
     // In fragments of three bytes each.

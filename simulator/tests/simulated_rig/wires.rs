@@ -13,7 +13,7 @@ fn pairs() -> Wiring {
 }
 
 #[tokio::test]
-async fn the_meter_sees_four_entries_of_z_times_the_current() {
+async fn the_meter_measures_four_entries_of_z_times_the_current() {
     let sim = simulated("matrix-34932a", Scene::quiet());
     let mut source = crate::drivers::source(&sim).await;
     let mut switch = crate::drivers::mainframe(&sim).await;
@@ -96,7 +96,7 @@ async fn mainframe_power_loss_in_mid_frame_turns_the_source_off() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_silent_wire_is_a_timeout_not_an_answer() {
+async fn a_wire_without_replies_is_a_timeout() {
     let sim = simulated("pairs-34924a", Scene::quiet());
     let mut source = crate::drivers::source(&sim).await;
     sim.set_wire(Instrument::Source, Wire::Silent);

@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hash_sees_every_bit() {
+    fn a_hash_depends_on_every_bit() {
         assert_ne!(map(vec![0.0]).hash(), map(vec![-0.0]).hash());
         assert_eq!(map(vec![0.1]).hash(), map(vec![0.1]).hash());
     }

@@ -80,7 +80,7 @@ mod tests {
     use crate::wiring::examples;
 
     #[test]
-    fn a_relay_says_what_it_is_for() {
+    fn a_relay_has_its_purpose() {
         let pairs = examples::pairs(26);
         assert_eq!(
             pairs.purpose(Relay(1061)),

@@ -117,7 +117,7 @@ fn a_load_is_followed_within_the_frame() {
 }
 
 #[test]
-fn sessions_without_injections_say_why() {
+fn sessions_without_injections_give_the_reason() {
     let untracked = |config: &str| config.replace("[model]", "[model]\ntracking = false");
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, untracked) else {
         return;

@@ -117,7 +117,7 @@ fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
 }
 
 #[test]
-fn tracking_without_times_or_noise_says_what_is_missing() {
+fn tracking_without_times_or_noise_names_what_is_missing() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
         return;
     };
@@ -294,7 +294,7 @@ fn a_person_overrules_the_tracker_and_replay_does_the_same() {
 }
 
 #[test]
-fn an_order_without_tracking_says_what_is_missing() {
+fn an_order_without_tracking_names_what_is_missing() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::QUIET, |config| {
         config.replace(
             "method = \"one-step\"\n",

@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_takes_what_the_formula_says() {
+    fn duration_of_a_frame_follows_the_formula() {
         let scan = Scan::usual(26).unwrap();
         let last = scan.contexts(Duration::ZERO).last().unwrap();
         assert_eq!(last.at, scan.frame_time());

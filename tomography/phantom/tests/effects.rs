@@ -184,7 +184,7 @@ fn one_effect_more_shifts_no_number_of_another() {
 }
 
 #[test]
-fn a_parameter_out_of_range_is_refused_where_it_stands() {
+fn a_parameter_out_of_range_is_refused_at_its_line() {
     let refuse = |text: &str| Scene::parse("s.toml", text).unwrap_err().to_string();
     assert_eq!(
         refuse("[effects.thermal-emf]\ntau_s = 900\nuv = 201"),

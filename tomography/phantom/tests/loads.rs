@@ -20,7 +20,7 @@ fn apart(one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
 }
 
 #[test]
-fn each_reading_sees_a_moving_load_where_it_is_then() {
+fn each_reading_has_the_moving_load_at_its_time() {
     // 20 mm in 20 s, as in a frame of the armature module
     let mut moving = phantom(
         "[[load]]\nshape = \"disc\"\ndiameter_mm = 10\nx_mm = 60\ny_mm = 70\nloss_percent = 50\n\
@@ -160,7 +160,7 @@ fn hysteresis_shows_on_release_and_moving_load_leaves_trail() {
 }
 
 #[test]
-fn a_press_by_hand_is_remembered_too() {
+fn a_press_by_hand_has_hysteresis_too() {
     let mut phantom = phantom("[effects.creep]\npercent = [50]\ntau_s = [100]\n");
     assert_eq!(left(&mut phantom, 5.0), 1.0);
     phantom

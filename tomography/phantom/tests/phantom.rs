@@ -90,7 +90,7 @@ fn the_time_line_presses_and_releases() {
 }
 
 #[test]
-fn a_load_takes_away_what_it_says() {
+fn a_load_has_the_stated_loss() {
     let mut phantom = coarse("");
     let sheet = phantom.scene().sheet.conductance();
     let load = paper::s4([107.0, 115.0]);
@@ -139,7 +139,7 @@ fn total_loss_is_solved_and_load_off_the_sheet_is_refused() {
 }
 
 #[test]
-fn an_effect_on_contacts_keeps_what_the_scene_says_of_one() {
+fn an_effect_on_contacts_keeps_a_contact_of_the_scene() {
     let first = |effect: &str| {
         let text =
             format!("[mesh]\nfineness = 0.3\n[[contact]]\nelectrode = 3\nohm = 1e6\n{effect}");

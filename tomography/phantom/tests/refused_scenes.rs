@@ -138,7 +138,7 @@ fn every_parameter_has_its_range() {
 }
 
 #[test]
-fn a_load_outside_the_sheet_is_refused_where_its_place_stands() {
+fn a_load_outside_the_sheet_is_refused_at_the_line_of_its_place() {
     says(
         &format!("{DISC}x_mm = 220\nmass_g = 3\n"),
         "s.toml:5:8: load 'load 1' at 220, 50 mm covers no part of the sheet",

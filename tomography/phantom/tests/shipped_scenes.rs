@@ -17,7 +17,7 @@ fn coarse(name: &str) -> Scene {
 }
 
 #[test]
-fn every_shipped_scene_reads_says_what_it_is_and_starts() {
+fn every_shipped_scene_has_a_description_and_starts() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let files: BTreeSet<String> = std::fs::read_dir(folder)
         .unwrap()

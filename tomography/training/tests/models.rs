@@ -184,7 +184,7 @@ fn a_masked_reading_moves_the_map_little() {
 }
 
 #[test]
-fn far_from_its_training_the_network_says_so() {
+fn frames_far_from_the_training_are_refused() {
     let [baseline, _] = frames();
     let far: Vec<Reading> = baseline
         .iter()

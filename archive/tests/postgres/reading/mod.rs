@@ -206,7 +206,7 @@ fn name_in_the_catalogue_leads_out_of_no_folder() {
 }
 
 #[test]
-fn machines_show_silence_alarms_and_a_wrong_clock() {
+fn machines_show_missing_data_alarms_and_a_wrong_clock() {
     let Some((server, site)) = archive("berlin") else {
         return;
     };

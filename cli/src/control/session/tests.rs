@@ -12,7 +12,7 @@ fn options(words: &[&str]) -> Result<SessionOptions, Failure> {
 }
 
 #[test]
-fn a_schedule_becomes_options_that_the_contract_knows() {
+fn a_schedule_becomes_options_of_the_contract() {
     let options = options(&[
         "--every",
         "10s",

@@ -318,7 +318,7 @@ fn a_load_has_the_colour_of_its_pressure() {
 }
 
 #[test]
-fn smaller_terminals_get_a_line_that_says_so() {
+fn smaller_terminals_get_a_line_with_the_reason() {
     let (shown, _) = measuring(TerminalColour::Plain);
     for (columns, rows) in [(79, 24), (80, 23), (120, 10)] {
         let seen = text(&drawn(&shown, columns, rows));
@@ -363,7 +363,7 @@ fn what_is_not_known_is_no_number() {
 }
 
 #[test]
-fn a_map_of_noise_says_so() {
+fn a_map_of_noise_has_a_note() {
     let (mut shown, mut snapshot) = measuring(TerminalColour::Plain);
     let mut frame = frame(60, 1, 70.0);
     frame.largest_loss = Some(0.019);

@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn films_that_nobody_can_watch_are_refused() {
+    fn films_of_too_many_or_too_brief_pictures_are_refused() {
         let refusal = plan(86_399, 86_400, Some(10.0), None).unwrap_err();
         assert!(
             refusal.contains("8640 pictures") && refusal.contains("3000"),

@@ -203,7 +203,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_map_that_is_not_known_says_so_beside_its_moment() {
+    fn a_map_that_is_not_known_is_marked_beside_its_moment() {
         let mut moment = Moment {
             what: "largest load: 3.00 N".to_owned(),
             doubt: None,

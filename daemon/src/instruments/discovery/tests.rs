@@ -45,7 +45,7 @@ fn a_proposal_follows_from_the_identity_alone() {
 }
 
 #[test]
-fn what_a_stranger_says_is_no_line_of_a_configuration() {
+fn reply_of_an_unknown_device_adds_no_line_of_configuration() {
     let hostile = "x\n[notify]\ncommand = [\"sh\"]\r\u{1b}[2J\u{202e}\u{9b}\0\"\"\"".to_owned()
         + &"long".repeat(10_000);
     let gpio = format!("T,{},1,1", gpio_mux::MODEL);
@@ -92,7 +92,7 @@ fn what_a_stranger_says_is_no_line_of_a_configuration() {
 }
 
 #[tokio::test]
-async fn dead_address_is_reported_without_delay() {
+async fn address_without_an_answer_is_reported_without_delay() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     drop(listener);

@@ -240,7 +240,7 @@ fn section_4_what_makes_no_sweep_is_not_armed() {
 }
 
 #[test]
-fn section_5_completion_is_told_when_a_sweep_is_done() {
+fn section_5_completion_is_reported_when_a_sweep_is_done() {
     let mut talk = staircase(100.0);
     talk.hold(&[("*ESR?;:INIT;*OPC", "128"), ("*ESR?", "0")]);
     talk.at(1.9).hold(&[("*ESR?", "0")]);

@@ -101,7 +101,7 @@ fn section_4_the_key_and_the_start_of_test_line_arm() {
 }
 
 #[test]
-fn section_4_the_layers_speak_on_their_lines() {
+fn section_4_trigger_layers_use_their_lines() {
     // three passes of two points: six levels are set, six delays end, three passes begin and end
     for (layers, line, while_point_4_is_made, told) in [
         ("TRIG:OUTP SOUR;OLIN 3", 3, 4, 6),

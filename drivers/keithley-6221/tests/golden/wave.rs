@@ -83,7 +83,7 @@ fn section_4_squares_and_ramps_keep_their_duty_cycle() {
 }
 
 #[test]
-fn section_4_an_arbitrary_wave_is_told_kept_and_made() {
+fn section_4_an_arbitrary_wave_is_sent_stored_and_generated() {
     let mut talk = wave("SOUR:WAVE:ARB:DATA -1,0,0.5,1;COPY 2;DATA 0;:SOUR:WAVE:FUNC ARB2");
     talk.hold(&[("SOUR:WAVE:INIT", "-")]);
     flows(

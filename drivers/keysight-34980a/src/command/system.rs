@@ -346,7 +346,7 @@ mod tests {
     use scpi::ParseError;
 
     #[test]
-    fn the_calendar_knows_its_months() {
+    fn the_calendar_has_months_of_the_right_length() {
         let parsed = |text: &str| text.parse::<super::super::Command>();
         assert!(parsed("SYST:DATE 2024,2,29").is_ok());
         assert_eq!(parsed("SYST:DATE 2025,2,29"), Err(ParseError::OutOfRange));

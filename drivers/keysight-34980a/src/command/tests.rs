@@ -363,14 +363,14 @@ fn every_command() -> Vec<Command> {
 }
 
 #[test]
-fn what_the_driver_says_the_simulator_hears() {
+fn commands_of_the_driver_are_parsed_by_the_simulator() {
     for command in every_command() {
         assert_eq!(command.to_string().parse(), Ok(command));
     }
 }
 
 #[test]
-fn a_whole_message_is_heard_as_its_commands() {
+fn a_whole_message_is_parsed_as_its_commands() {
     let commands = Message(every_command());
     let parsed: Vec<Command> = scpi::parse_message(commands.to_string())
         .iter()

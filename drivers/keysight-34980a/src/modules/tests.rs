@@ -29,7 +29,7 @@ fn every_module_has_the_channels_of_the_table() {
 }
 
 #[test]
-fn banks_rows_and_bus_relays_are_where_the_table_says() {
+fn banks_rows_and_bus_relays_are_those_of_the_table() {
     let reed = module("34924A");
     assert_eq!(reed.contact(35), Some(Contact::Channel { bank: 1 }));
     assert_eq!(reed.contact(36), Some(Contact::Channel { bank: 2 }));

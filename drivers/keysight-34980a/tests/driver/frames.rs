@@ -169,7 +169,7 @@ async fn an_overload_is_a_gap_and_a_wrong_count_is_no_readings_at_all() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_long_scan_is_waited_for_and_silence_is_not() {
+async fn a_long_scan_is_awaited_and_a_missing_reply_is_not() {
     let (shared, mut switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     let slow = MeterSettings {
@@ -193,7 +193,7 @@ async fn a_long_scan_is_waited_for_and_silence_is_not() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_refused_reading_answers_nothing_and_is_told_by_its_error() {
+async fn a_refused_reading_has_no_reply_and_is_named_by_its_error() {
     let (shared, switch) = connected(&["34924A"]).await;
     let mut meter = switch.clone();
     meter.prepare(METER, &relays(1001..=1003)).await.unwrap();

@@ -204,7 +204,7 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn settings_that_do_not_hold_are_told_by_name() {
+async fn settings_that_were_not_taken_are_named() {
     let (shared, mut unit) = connected(&["34924A"]).await;
     let scan = relays(1001..=1003);
     shared.lie("VOLT:DC:NPLC? (@1001:1003)", "+1.0E+00,+2.0E-02,+1.0E+00");

@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_is_too_long_loses_its_beginning_and_says_so() {
+    fn a_frame_that_is_too_long_loses_its_beginning_with_a_note() {
         let transcript = RingTranscript::new(0);
         transcript.next_transcript();
         for number in 0..LONGEST_TRANSCRIPT + 3 {

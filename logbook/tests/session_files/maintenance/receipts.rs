@@ -35,7 +35,7 @@ fn mark(path: &Path, quantity_lines: u64) {
 }
 
 #[test]
-fn only_what_the_archive_holds_as_it_is_now_goes() {
+fn only_sessions_archived_as_they_are_now_are_pruned() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
     let paths = ["m1", "m2", "m3", "m4"].map(|id| session(dir, id));

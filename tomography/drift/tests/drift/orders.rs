@@ -7,7 +7,7 @@ use drift::{Judgement, Sizes, Tracker, TrackerState, TrackingOrder};
 use crate::walk::{EVERY_S, follow, walked};
 
 #[test]
-fn empty_now_makes_what_lies_there_part_of_the_sheet() {
+fn empty_now_makes_a_present_load_part_of_the_sheet() {
     let (mut walk, mut tracker) = walked(0);
     let fixture = walk.model.disc([0.06, 0.07], 0.06) * -0.3;
     for frame in 1..=30 {

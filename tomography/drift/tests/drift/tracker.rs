@@ -179,7 +179,7 @@ fn faster_drift_is_learnt_and_locks_nothing_out() {
 }
 
 #[test]
-fn slow_load_is_absorbed_and_an_anchor_says_so() {
+fn slow_load_is_absorbed_and_an_anchor_reports_it() {
     let mut walk = Walk::new(1.0);
     let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
     let load = walk.model.disc([0.06, 0.15], 0.03);

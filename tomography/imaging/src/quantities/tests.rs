@@ -73,7 +73,7 @@ fn a_uniform_disc_has_its_closed_form() {
 }
 
 #[test]
-fn a_ring_has_its_centre_where_nothing_lies() {
+fn the_centre_of_a_ring_is_outside_the_load() {
     let surface = surface(&[rectangle("hole", [80.0, 80.0, 120.0, 120.0])]);
     let ring = about(&surface, [100.0, 100.0], |r| {
         if (40.0..=60.0).contains(&r) { 5.0 } else { 0.0 }

@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_cycles_reject_as_the_manual_says() {
+    fn whole_cycles_reject_mains_as_in_the_manual() {
         let decibel = |share: f64| -20.0 * share.log10();
         assert!((decibel(rms(0.1, 1.0)) - 60.0).abs() < 1.0);
         assert!((decibel(rms(1.0, 1.0)) - 40.0).abs() < 1.0);

@@ -345,7 +345,7 @@ fn full_disk_is_announced_and_waited_for_without_loss() {
 }
 
 #[test]
-fn whoever_stops_a_session_on_a_full_disk_is_not_kept_waiting() {
+fn stopping_a_session_on_a_full_disk_does_not_wait() {
     let (scene, recorder, queue, tell) = Scene::new();
     tell.send(Do::Map).unwrap();
     tell.send(Do::Map).unwrap();

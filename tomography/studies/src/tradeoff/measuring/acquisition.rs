@@ -441,7 +441,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_take_what_the_formula_says() {
+    fn duration_of_frames_follows_the_formula() {
         let sheet = PaperSheet::default();
         for (module, model) in [
             (&MODULES[0], Model::M34924A),

@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn every_set_of_instructions_says_the_same() {
+    fn every_set_of_instructions_gives_the_same_result() {
         let (weights, input) = sample();
         let halves: Vec<f16> = weights.iter().map(|w| f16::from_f32(*w)).collect();
         let bytes: Vec<i8> = weights.iter().map(|w| (w * 127.0) as i8).collect();

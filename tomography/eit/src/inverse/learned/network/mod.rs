@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_is_what_the_formula_says_in_every_precision() {
+    fn a_map_follows_the_formula_in_every_precision() {
         // widths that are not multiples of any vector length
         let network = network(&[59, 131, 77, 201]);
         let input: Vec<f32> = (0..59).map(|i| (i as f32 * 0.9).cos()).collect();
