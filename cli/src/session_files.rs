@@ -5,10 +5,11 @@ use std::time::Duration;
 
 use config::path_from_environment;
 use logbook::{Listing, LogbookError, SessionReader};
+use survey::printable;
 
 use crate::args::Global;
 use crate::connection::LAST;
-use crate::failure::Failure;
+use crate::failure::{Failure, chain};
 use crate::output::complain;
 
 /// A running daemon that does not reply within this time is ignored.
@@ -113,10 +114,21 @@ pub(crate) fn listing(
             report(&format!(
                 "tactus: {} is left out: {}",
                 place.display(),
-                crate::failure::chain(&error)
+                chain(&error)
             ));
             Ok(None)
         }
+    }
+}
+
+/// Reports the files of a directory that look like sessions and cannot be read.
+pub(crate) fn report_unreadable(listing: &Listing) {
+    for unreadable in &listing.unreadable {
+        complain(&format!(
+            "tactus: {} is left out: {}",
+            printable(&unreadable.path.to_string_lossy()),
+            chain(&unreadable.why)
+        ));
     }
 }
 
@@ -124,13 +136,12 @@ pub(crate) fn listing(
 fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
     let mut all = Vec::new();
     for place in places {
-        let sessions = listing(places, place, complain)?.map(|listing| listing.sessions);
-        all.extend(
-            sessions
-                .into_iter()
-                .flatten()
-                .map(|session| (place, session)),
-        );
+        let Some(listing) = listing(places, place, complain)? else {
+            continue;
+        };
+        // one of these may be the last
+        report_unreadable(&listing);
+        all.extend(listing.sessions.into_iter().map(|session| (place, session)));
     }
     let newest = all
         .into_iter()
@@ -189,7 +200,7 @@ pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Fail
                 return Err(error.into());
             }
             Err(_) if !place.exists() => {}
-            Err(error) => unreadable.push(crate::failure::chain(&error)),
+            Err(error) => unreadable.push(chain(&error)),
         }
     }
     let mut text = format!(
@@ -210,7 +221,7 @@ pub(crate) fn open(path: &Path) -> Result<SessionReader, Failure> {
 
 impl From<LogbookError> for Failure {
     fn from(error: LogbookError) -> Self {
-        let text = crate::failure::chain(&error);
+        let text = chain(&error);
         match error {
             LogbookError::NoSuchSession { .. } => Self::Missing(format!(
                 "{text}; --state DIR names another directory of session files"

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use logbook::{SessionKind, SessionSummary};
 use serde::Serialize;
-use survey::printable;
 
 use crate::args::{Global, Sessions};
 use crate::failure::Failure;
@@ -115,13 +114,7 @@ fn list(
         let Some(listing) = session_files::listing(&places, place, complain)? else {
             continue;
         };
-        for unreadable in &listing.unreadable {
-            complain(&format!(
-                "tactus: {} is left out: {}",
-                printable(&unreadable.path.to_string_lossy()),
-                crate::failure::chain(&unreadable.why)
-            ));
-        }
+        session_files::report_unreadable(&listing);
         sessions.extend(listing.sessions.into_iter().filter(&wanted));
     }
     sessions.sort_by(|a: &SessionSummary, b| (a.started, &a.id).cmp(&(b.started, &b.id)));

@@ -147,6 +147,22 @@ fn an_unreadable_folder_is_reported_where_last_is_looked_for() {
 }
 
 #[test]
+fn a_file_that_may_be_the_last_session_is_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    std::fs::write(folder.path().join("m20270116_1.tactus"), "damaged").unwrap();
+    let output = tactus(folder.path(), &["sessions", "show", "last", "--json"]);
+    assert_eq!(output.status.code(), Some(0));
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        message.contains("m20270116_1.tactus is left out: "),
+        "{message}"
+    );
+    let shown = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(lines(&shown)[0]["id"], "m20270115_1");
+}
+
+#[test]
 fn a_log_reports_a_folder_that_cannot_be_read() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("file"), "no folder").unwrap();
