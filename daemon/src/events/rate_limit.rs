@@ -173,7 +173,7 @@ mod tests {
         );
         tokio::time::advance(REPEAT_INTERVAL).await;
         rate_limit.catch_up();
-        assert!(journal.lines().is_empty(), "silence is not told again");
+        assert!(journal.lines().is_empty(), "silence is not reported again");
         // after a pause an event is logged at once again
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 900 failed");
         assert_eq!(journal.lines().len(), 1);

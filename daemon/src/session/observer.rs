@@ -143,7 +143,7 @@ async fn post(
         let done = run_command(&controller, &message, &health).await;
         if done.done != Some(true) {
             let text = format!(
-                "{} could not be told: {}",
+                "the notification of {} failed: {}",
                 message.kind,
                 notification::text(&done)
             );

@@ -262,7 +262,7 @@ async fn without_multicast_given_addresses_are_still_queried() {
     let nobody = found
         .iter()
         .find(|seen| seen["identity"].is_null())
-        .expect("it is told");
+        .expect("it is reported");
     assert!(
         nobody["remark"].as_str().is_some_and(|why| !why.is_empty()),
         "{nobody}"

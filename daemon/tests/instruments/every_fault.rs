@@ -263,7 +263,7 @@ impl Play {
                                     self.daemon.manager.recovery().await.expect("it answers");
                                 assert!(recovery.tries >= Some(1));
                                 mended = true;
-                                self.fault(mend.expect("told above"));
+                                self.fault(mend.expect("checked above"));
                             }
                             "resumed" => return,
                             _ => {}

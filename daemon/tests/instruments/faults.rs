@@ -121,7 +121,7 @@ async fn a_lost_source_is_verified_off_before_the_session_goes_on() {
                 );
                 assert!(
                     rig.closed().is_empty(),
-                    "open although the source cannot be told"
+                    "open although the state of the source is unknown"
                 );
             }
             "source-unknown" => {

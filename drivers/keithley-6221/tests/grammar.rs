@@ -103,9 +103,9 @@ fn every_command() -> Vec<Command> {
         ]);
     }
     for address in [Address::Own, Address::Mask, Address::Gateway] {
-        let told = std::net::Ipv4Addr::new(10, 0, 0, 7);
+        let address_to_set = std::net::Ipv4Addr::new(10, 0, 0, 7);
         commands.extend([
-            Command::SetAddress(address, told),
+            Command::SetAddress(address, address_to_set),
             Command::Address(address),
         ]);
     }

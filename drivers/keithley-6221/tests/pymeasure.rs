@@ -43,8 +43,8 @@ fn succeed(command: &mut Command) -> Result<(), String> {
     if ended.status.success() {
         return Ok(());
     }
-    let told = String::from_utf8_lossy(&ended.stderr);
-    let last = told.lines().last().unwrap_or_default().to_owned();
+    let text = String::from_utf8_lossy(&ended.stderr);
+    let last = text.lines().last().unwrap_or_default().to_owned();
     Err(format!("{command:?} failed: {last}"))
 }
 

@@ -16,7 +16,7 @@ fn instrument() -> Simulator6221 {
 #[derive(Default)]
 struct Witness {
     resistance: f64,
-    told: Vec<(f64, f64, Duration)>,
+    changes: Vec<(f64, f64, Duration)>,
 }
 
 impl Load for Witness {
@@ -25,7 +25,7 @@ impl Load for Witness {
     }
 
     fn drive(&mut self, flowing: Amps, range: Amps, at: Duration) {
-        self.told.push((flowing.0, range.0, at));
+        self.changes.push((flowing.0, range.0, at));
     }
 }
 
@@ -71,7 +71,7 @@ fn the_load_gets_only_changes_and_the_range() {
     source.receive("CURR 1e-3;CURR:COMP 20;FILT 1", later, &mut load);
     source.receive("SOUR:CLE", later, &mut load);
     assert_eq!(
-        load.told,
+        load.changes,
         [(0.0, 2e-3, START), (1e-3, 2e-3, later), (0.0, 2e-3, later)]
     );
 }

@@ -100,8 +100,11 @@ fn a_fifth_over_range_is_still_a_number() {
             "{volts}"
         );
     }
-    let told = sheet.requests.last().unwrap().1;
-    assert_eq!((told.channel, told.range.0, told.nplc), (None, 1.0, 1.0));
+    let requested = sheet.requests.last().unwrap().1;
+    assert_eq!(
+        (requested.channel, requested.range.0, requested.nplc),
+        (None, 1.0, 1.0)
+    );
     say(&mut unit, &mut sheet, "VOLT:DC:RANG AUTO,(@)");
     sheet.volts = Some(0.11);
     assert_eq!(

@@ -59,7 +59,7 @@ async fn enables_off_then_address_then_enable() {
         .move_relays(&[open(&[103]), close(&[120])])
         .await
         .unwrap();
-    let told: Vec<String> = chip
+    let commands: Vec<String> = chip
         .edges()
         .iter()
         .map(|edge| {
@@ -69,7 +69,7 @@ async fn enables_off_then_address_then_enable() {
         .collect();
     // The very first call, at 5 us, switched everything off.
     assert_eq!(
-        told,
+        commands,
         [
             "10 I+.S1=1",
             "10 I-.S0=1",

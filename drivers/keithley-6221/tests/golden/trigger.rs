@@ -103,7 +103,7 @@ fn section_4_the_key_and_the_start_of_test_line_arm() {
 #[test]
 fn section_4_trigger_layers_use_their_lines() {
     // three passes of two points: six levels are set, six delays end, three passes begin and end
-    for (layers, line, while_point_4_is_made, told) in [
+    for (layers, line, while_point_4_is_made, count) in [
         ("TRIG:OUTP SOUR;OLIN 3", 3, 4, 6),
         ("TRIG:OUTP DEL;OLIN 4", 4, 3, 6),
         ("ARM:OUTP TENT;OLIN 5", 5, 2, 3),
@@ -119,8 +119,8 @@ fn section_4_trigger_layers_use_their_lines() {
         );
         talk.at(60.0);
         let pulses = talk.source.pulses();
-        assert_eq!(pulses[line - 1], told, "{layers}");
-        assert_eq!(pulses.iter().sum::<u64>(), told, "{layers}");
+        assert_eq!(pulses[line - 1], count, "{layers}");
+        assert_eq!(pulses.iter().sum::<u64>(), count, "{layers}");
     }
     // a point that waits for its trigger line has not been set
     let mut talk = pairs("TRIG:SOUR TLIN;ILIN 2;OUTP SOUR;OLIN 1");

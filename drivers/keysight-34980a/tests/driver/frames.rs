@@ -136,7 +136,7 @@ async fn an_overload_is_a_gap_and_a_wrong_count_is_no_readings_at_all() {
     switch.move_relays(&[close(&[1037])]).await.unwrap();
     assert_eq!(meter.scan().await.unwrap(), [Reading::Overload; 3]);
     // not a number, and a number that no voltmeter can return on its 1 V range
-    shared.lie(
+    shared.fake_reply(
         READ,
         "+1.00000000E+00,+9.91000000E+37,+5.00000000E+03;+0,\"No error\"",
     );
@@ -155,13 +155,13 @@ async fn an_overload_is_a_gap_and_a_wrong_count_is_no_readings_at_all() {
         "+1.0E+00,1.0 VDC,+1.0E+00",
         "none",
     ] {
-        shared.truth();
-        shared.lie(READ, answer);
+        shared.no_fake_replies();
+        shared.fake_reply(READ, answer);
         let refusal = meter.scan().await.unwrap_err();
         assert!(matches!(refusal, RigError::Garbled { .. }), "{answer}");
-        shared.truth();
+        shared.no_fake_replies();
         let answer: &'static str = format!("{answer};+0,\"No error\"").leak();
-        shared.lie(READ, answer);
+        shared.fake_reply(READ, answer);
         let refusal = meter.scan().await.unwrap_err();
         assert!(matches!(refusal, RigError::Garbled { .. }), "{answer}");
         assert!(refusal.to_string().contains("3 number"), "{refusal}");
@@ -181,7 +181,7 @@ async fn a_long_scan_is_awaited_and_a_missing_reply_is_not() {
     switch.move_relays(&[close(&[1036])]).await.unwrap();
     // 26 readings of 0.4 s each take far longer than the link's own timeout of 2 s.
     assert_eq!(meter.scan().await.unwrap().len(), 26);
-    shared.lie(READ, "");
+    shared.fake_reply(READ, "");
     let begun = Instant::now();
     let fault = meter.scan().await.unwrap_err();
     assert!(matches!(fault, RigError::Link(LinkError::Timeout { .. })));
@@ -199,13 +199,13 @@ async fn a_refused_reading_has_no_reply_and_is_named_by_its_error() {
     meter.prepare(METER, &relays(1001..=1003)).await.unwrap();
     for (code, text) in [(-221, "Settings conflict; perhaps"), (723, "Strange")] {
         let answer: &'static str = format!("{code},\"{text}\"").leak();
-        shared.lie(READ, answer);
+        shared.fake_reply(READ, answer);
         let refusal = meter.scan().await.unwrap_err();
         assert!(
-            matches!(&refusal, RigError::Refused { code: told, command, .. }
-                if *told == code && command == "READ?' in 'READ?;:SYST:ERR?"),
+            matches!(&refusal, RigError::Refused { code: refused, command, .. }
+                if *refused == code && command == "READ?' in 'READ?;:SYST:ERR?"),
             "{refusal}"
         );
-        shared.truth();
+        shared.no_fake_replies();
     }
 }

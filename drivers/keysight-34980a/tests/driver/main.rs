@@ -27,17 +27,17 @@ struct TestInstrument {
     received: Vec<String>,
     /// Faked replies, each to a message that ends with this text, or to such a query within a message. An empty text
     /// means no reply.
-    lies: Vec<(&'static str, &'static str)>,
+    fake_replies: Vec<(&'static str, &'static str)>,
 }
 
 /// The reply to a message of several queries, with the faked replies to single ones inserted.
-fn bend(line: &str, answer: String, lies: &[(&str, &str)]) -> String {
+fn with_fake_replies(line: &str, answer: String, fake_replies: &[(&str, &str)]) -> String {
     let queries: Vec<&str> = line.split(";").filter(|one| one.contains('?')).collect();
     let mut answers: Vec<&str> = answer.split(';').collect();
     if queries.len() == answers.len() {
         for (query, answer) in queries.iter().zip(&mut answers) {
-            let lie = lies.iter().find(|(end, _)| query.ends_with(end));
-            *answer = lie.map_or(*answer, |(_, lie)| lie);
+            let fake = fake_replies.iter().find(|(end, _)| query.ends_with(end));
+            *answer = fake.map_or(*answer, |(_, reply)| reply);
         }
     }
     answers.join(";")
@@ -52,16 +52,16 @@ impl Shared {
             unit,
             sheet: Sheet::default(),
             received: Vec::new(),
-            lies: Vec::new(),
+            fake_replies: Vec::new(),
         })))
     }
 
-    fn lie(&self, end: &'static str, answer: &'static str) {
-        self.0.lock().unwrap().lies.push((end, answer));
+    fn fake_reply(&self, end: &'static str, answer: &'static str) {
+        self.0.lock().unwrap().fake_replies.push((end, answer));
     }
 
-    fn truth(&self) {
-        self.0.lock().unwrap().lies.clear();
+    fn no_fake_replies(&self) {
+        self.0.lock().unwrap().fake_replies.clear();
     }
 
     /// The messages received since the last call.
@@ -105,12 +105,16 @@ impl Shared {
                         let answer = device
                             .unit
                             .receive(&line, start.elapsed(), &mut device.sheet);
-                        let lie = device.lies.iter().find(|(end, _)| line.ends_with(end));
-                        match lie {
+                        let fake = device
+                            .fake_replies
+                            .iter()
+                            .find(|(end, _)| line.ends_with(end));
+                        match fake {
                             Some((_, "")) => (None, answer.busy),
                             Some((_, text)) => (Some((*text).to_owned()), answer.busy),
                             None => {
-                                let among = |text| bend(&line, text, &device.lies);
+                                let among =
+                                    |text| with_fake_replies(&line, text, &device.fake_replies);
                                 (answer.text.map(among), answer.busy)
                             }
                         }

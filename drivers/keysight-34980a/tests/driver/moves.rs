@@ -20,7 +20,7 @@ async fn relays_left_closed_are_found_so_and_opened_in_one_message() {
         "ROUT:OPEN (@1036);:ROUT:OPEN (@1036,1037,1040);:ROUT:CLOS? (@1036,1037,1040);:SYST:ERR?"
     );
     assert!(shared.closed().is_empty());
-    shared.lie("ROUT:CLOS? (@1036,1037,1040)", "0,0,1");
+    shared.fake_reply("ROUT:CLOS? (@1036,1037,1040)", "0,0,1");
     assert!(matches!(
         unit.open_verified(&asked).await,
         Err(RigError::StillClosed { relays, .. }) if relays == [Relay(1040)]
@@ -33,7 +33,7 @@ async fn a_refused_move_fails_its_own_message_and_is_named() {
     let mut meter = switch.clone();
     meter.prepare(METER, &relays(1001..=1026)).await.unwrap();
     switch.move_relays(&[close(&[1036])]).await.unwrap();
-    // Channel 30 lies in the scanned bank.
+    // Channel 30 is in the scanned bank.
     switch
         .move_relays(&[close(&[1030]), open(&[1036])])
         .await
@@ -43,12 +43,12 @@ async fn a_refused_move_fails_its_own_message_and_is_named() {
         matches!(refusal, RigError::Refused { code: 301, .. }),
         "{refusal}"
     );
-    let told = refusal.to_string();
+    let text = refusal.to_string();
     assert!(
-        told.contains(
+        text.contains(
             "refused 'ROUT:CLOS (@1030)' in 'ROUT:CLOS (@1030);:ROUT:OPEN (@1036);:READ?"
         ),
-        "{told}"
+        "{text}"
     );
     // The queue is empty again, and the next preparation sends all settings again.
     shared.received();
@@ -82,7 +82,7 @@ async fn other_models_are_refused_and_both_maker_names_accepted() {
         let shared = Shared::of(mainframe(&[]));
         // In this test a blank is a reply and an empty text would be no reply.
         let answer = if identity.is_empty() { " " } else { identity };
-        shared.lie("*IDN?", answer);
+        shared.fake_reply("*IDN?", answer);
         let refusal = Keysight34980a::connect(shared.plug()).await.unwrap_err();
         assert!(
             matches!(refusal, RigError::WrongInstrument { .. }),
@@ -95,14 +95,14 @@ async fn other_models_are_refused_and_both_maker_names_accepted() {
 #[tokio::test(start_paused = true)]
 async fn quoted_and_unknown_cards_are_read() {
     let shared = Shared::of(mainframe(&[]));
-    shared.lie("SYST:CTYP? 1", "\"Agilent Technologies,34924A,0,1.0\"");
-    shared.lie("SYST:CTYP? 2", "Agilent Technologies,34952A,0,1.0");
-    shared.lie("SYST:CTYP? 3", "nonsense");
+    shared.fake_reply("SYST:CTYP? 1", "\"Agilent Technologies,34924A,0,1.0\"");
+    shared.fake_reply("SYST:CTYP? 2", "Agilent Technologies,34952A,0,1.0");
+    shared.fake_reply("SYST:CTYP? 3", "nonsense");
     assert!(matches!(
         Keysight34980a::connect(shared.plug()).await,
         Err(RigError::Garbled { .. })
     ));
-    shared.0.lock().unwrap().lies.pop();
+    shared.0.lock().unwrap().fake_replies.pop();
     let unit = Keysight34980a::connect(shared.plug()).await.unwrap();
     assert_eq!(unit.modules()[0], Some("34924A".parse().unwrap()));
     assert_eq!(
@@ -122,7 +122,7 @@ async fn quoted_and_unknown_cards_are_read() {
 #[tokio::test(start_paused = true)]
 async fn unknown_module_is_named_when_its_relay_is_to_move() {
     let shared = Shared::of(mainframe(&[]));
-    shared.lie("SYST:CTYP? 2", "Agilent Technologies,34952A,0,1.0");
+    shared.fake_reply("SYST:CTYP? 2", "Agilent Technologies,34952A,0,1.0");
     let mut unit = Keysight34980a::connect(shared.plug()).await.unwrap();
     for (relay, found) in [(2036, "a 34952A"), (3036, "no module")] {
         let fault = unit.move_relays(&[close(&[relay])]).await.unwrap_err();

@@ -150,7 +150,7 @@ async fn averages_are_one_message_and_an_overload_voids_the_mean() {
         assert!(preparation.iter().any(|said| said == setting), "{setting}");
     }
     switch.move_relays(&[close(&[1036])]).await.unwrap();
-    shared.lie(
+    shared.fake_reply(
         READ,
         "+1.0E+00,+4.0E+00,+2.0E+00,+9.9E+37,+6.0E+00,+4.0E+00;+0,\"No error\"",
     );
@@ -196,7 +196,7 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
           :ROUT:OPEN (@1501);:ROUT:CLOS (@1104);:VOLT:DC:RANG 0.1,(@);:READ?;:SYST:ERR?"]
     );
     // One reply too few: the replies cannot be assigned to queries.
-    shared.lie(READ, "+1.0E+00;+1.0E+00;+0,\"No error\"");
+    shared.fake_reply(READ, "+1.0E+00;+1.0E+00;+0,\"No error\"");
     assert!(matches!(
         meter.chain(&chained[..1]).await,
         Err(RigError::Garbled { .. })
@@ -207,26 +207,26 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
 async fn settings_that_were_not_taken_are_named() {
     let (shared, mut unit) = connected(&["34924A"]).await;
     let scan = relays(1001..=1003);
-    shared.lie("VOLT:DC:NPLC? (@1001:1003)", "+1.0E+00,+2.0E-02,+1.0E+00");
+    shared.fake_reply("VOLT:DC:NPLC? (@1001:1003)", "+1.0E+00,+2.0E-02,+1.0E+00");
     let fault = unit.prepare(METER, &scan).await.unwrap_err();
     assert!(
         fault.to_string().contains("integration was set to 1"),
         "{fault}"
     );
-    shared.truth();
-    shared.lie("ROUT:SCAN?", "#217(@1001,1002,1004)");
+    shared.no_fake_replies();
+    shared.fake_reply("ROUT:SCAN?", "#217(@1001,1002,1004)");
     assert!(matches!(
         unit.prepare(METER, &scan).await,
         Err(RigError::Mismatch { .. })
     ));
-    shared.truth();
-    shared.lie(
+    shared.no_fake_replies();
+    shared.fake_reply(
         "VOLT:DC:NPLC 1,(@1001:1003);:SYST:ERR?",
         "-221,\"Settings conflict\"",
     );
     let fault = unit.prepare(METER, &scan).await.unwrap_err();
     assert!(fault.to_string().contains("VOLT:DC:NPLC 1"), "{fault}");
-    shared.truth();
+    shared.no_fake_replies();
     assert!(matches!(unit.scan().await, Err(RigError::Unable { .. })));
     unit.prepare(METER, &scan).await.unwrap();
     // Someone changes a setting at the front panel: the next preparation detects it.

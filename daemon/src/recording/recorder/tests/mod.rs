@@ -121,7 +121,7 @@ impl Scene {
             kind: logbook::SessionKind::Measurement,
             simulated: true,
             baseline_id: "b1".to_owned(),
-            method: "told".to_owned(),
+            method: "one-step".to_owned(),
             every: Duration::ZERO,
         };
         let counters = Arc::new(crate::monitoring::Counters::new(SystemClock::new()));
