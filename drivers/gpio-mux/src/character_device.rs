@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_chip_that_is_not_there_is_said_with_its_path() {
+    fn a_missing_chip_is_reported_with_its_path() {
         let path = Path::new("/dev/gpiochip-none");
         for refused in [
             CharacterDevice::by_names(path, EnableLevel::Low),

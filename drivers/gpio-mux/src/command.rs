@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn commands_of_the_driver_are_parsed_by_the_board() {
         let electrode = Electrode(25);
-        let mut said = vec![
+        let mut commands = vec![
             Command::Identify,
             Command::Pair(Pair::Current, electrode),
             Command::Pair(Pair::Voltage, electrode),
@@ -320,12 +320,12 @@ mod tests {
             Command::Watchdog(2000),
         ];
         for pole in Pole::ALL {
-            said.extend([
+            commands.extend([
                 Command::Set(pole, None),
                 Command::Set(pole, Some(electrode)),
             ]);
         }
-        for command in said {
+        for command in commands {
             assert_eq!(command.to_string().parse(), Ok(command));
         }
     }

@@ -191,14 +191,14 @@ async fn opening_is_verified() {
     let (device, mut board) = connected().await;
     let moves = [close(&[126, 201]), close(&[303, 304 + 100])];
     board.move_relays(&moves).await.unwrap();
-    let asked = relays(&[126, 201, 127, 303]);
+    let requested = relays(&[126, 201, 127, 303]);
     assert_eq!(
-        board.closed(&asked).await.unwrap(),
+        board.closed(&requested).await.unwrap(),
         [true, true, false, true]
     );
     board.open_verified(&relays(&[126, 201])).await.unwrap();
     assert_eq!(
-        board.closed(&asked).await.unwrap(),
+        board.closed(&requested).await.unwrap(),
         [false, false, false, true]
     );
     board.open_verified(&relays(&[303, 404])).await.unwrap();

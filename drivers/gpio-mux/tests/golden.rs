@@ -17,9 +17,9 @@ fn holds(conversation: &str) {
     let mut answer = None;
     for line in conversation.lines().map(str::trim) {
         match line.split_at_checked(1) {
-            Some((">", said)) => {
+            Some((">", line)) => {
                 answer = board
-                    .receive(said.trim(), Duration::ZERO, &mut Nowhere)
+                    .receive(line.trim(), Duration::ZERO, &mut Nowhere)
                     .text;
             }
             Some(("<", expected)) => {

@@ -21,11 +21,11 @@
 //! let (here, there) = tokio::io::duplex(256);
 //! tokio::spawn(async move {
 //!     let (mut simulator, mut load) = (Simulator6221::new(Settings6221::default()), Resistor::new(Ohms(500.0)));
-//!     let (received, mut said) = tokio::io::split(there);
+//!     let (received, mut replies) = tokio::io::split(there);
 //!     let mut lines = BufReader::new(received).lines();
 //!     while let Ok(Some(line)) = lines.next_line().await {
 //!         if let Some(text) = simulator.receive(&line, Duration::ZERO, &mut load).text {
-//!             said.write_all(format!("{text}\n").as_bytes()).await.ok();
+//!             replies.write_all(format!("{text}\n").as_bytes()).await.ok();
 //!         }
 //!     }
 //! });

@@ -64,7 +64,7 @@ fn every_command() -> Vec<Command> {
         Command::CopyWave(3),
         Command::LatestReading,
         Command::FreshReading,
-        Command::SerialSend("SENS:VOLT:RANG 10; said \"so\"".to_owned()),
+        Command::SerialSend("SENS:VOLT:RANG 10; a \"quoted\" word".to_owned()),
         Command::SerialEnter,
         Command::ClearBuffer,
         Command::BufferData,
@@ -161,20 +161,28 @@ fn every_command() -> Vec<Command> {
 
 #[test]
 fn commands_of_the_driver_are_parsed_by_the_simulator() {
-    for said in every_command() {
-        assert_eq!(said.to_string().parse().as_ref(), Ok(&said), "{said}");
-        assert_eq!(said.is_query(), said.to_string().contains('?'), "{said}");
+    for command in every_command() {
+        assert_eq!(
+            command.to_string().parse().as_ref(),
+            Ok(&command),
+            "{command}"
+        );
+        assert_eq!(
+            command.is_query(),
+            command.to_string().contains('?'),
+            "{command}"
+        );
     }
 }
 
 #[test]
 fn a_message_of_all_commands_is_parsed_as_those_commands() {
-    let said = every_command();
-    let received: Vec<Command> = parse_message(scpi::join_units(&said))
+    let sent = every_command();
+    let received: Vec<Command> = parse_message(scpi::join_units(&sent))
         .iter()
         .map(|call| Command::of(call.as_ref().unwrap()).unwrap())
         .collect();
-    assert_eq!(received, said);
+    assert_eq!(received, sent);
 }
 
 #[test]
@@ -262,12 +270,12 @@ fn what_is_out_of_range_or_of_another_type_has_its_number() {
 proptest! {
     #[test]
     fn levels_are_sent_to_the_last_bit(level in -0.105f64..=0.105, limit in 0.1f64..=105.0) {
-        for said in [
+        for command in [
             Command::SetLevel(Amps(level)),
             Command::SetRange(Amps(level)),
             Command::SetCompliance(Volts(limit)),
         ] {
-            prop_assert_eq!(said.to_string().parse(), Ok(said));
+            prop_assert_eq!(command.to_string().parse(), Ok(command));
         }
     }
 

@@ -89,21 +89,21 @@ proptest! {
         prop_assert_eq!(here, there);
         prop_assert_eq!(watched.level(), left_alone.level());
         prop_assert_eq!(watched.output(), left_alone.output());
-        let asked = "STAT:OPER:COND?;:STAT:MEAS:COND?;:SOUR:CURR?;:SOUR:CURR:RANG?;:SOUR:SWE:ARM?";
+        let queries = "STAT:OPER:COND?;:STAT:MEAS:COND?;:SOUR:CURR?;:SOUR:CURR:RANG?;:SOUR:SWE:ARM?";
         prop_assert_eq!(
-            watched.receive(asked, seconds(now), &mut here).text,
-            left_alone.receive(asked, seconds(now), &mut there).text
+            watched.receive(queries, seconds(now), &mut here).text,
+            left_alone.receive(queries, seconds(now), &mut there).text
         );
     }
 
     #[test]
     fn any_message_at_any_time_keeps_instrument_within_limits(
-        said in proptest::collection::vec((line(), 0.0..1e7f64, any::<u8>()), 0..20),
+        sent in proptest::collection::vec((line(), 0.0..1e7f64, any::<u8>()), 0..20),
         ohms in prop_oneof![Just(f64::INFINITY), Just(0.0), Just(f64::NAN), 1e-3..1e12],
     ) {
         let (mut source, mut load) = (instrument(), Resistor::new(Ohms(ohms)));
         let mut now = 0.0;
-        for (line, pause, event) in said {
+        for (line, pause, event) in sent {
             let reply = source.receive(&line, seconds(now), &mut load);
             prop_assert!(reply.text.is_none_or(|text| !text.contains('\n')));
             now += pause;

@@ -76,8 +76,8 @@ fn run(command: &mut Command) -> Result<Output, String> {
     if output.status.success() {
         return Ok(output);
     }
-    let said = String::from_utf8_lossy(&output.stderr);
-    let end: Vec<&str> = said.lines().rev().take(12).collect();
+    let text = String::from_utf8_lossy(&output.stderr);
+    let end: Vec<&str> = text.lines().rev().take(12).collect();
     let end: Vec<&str> = end.into_iter().rev().collect();
     Err(format!("{command:?} failed:\n{}", end.join("\n")))
 }

@@ -10,7 +10,7 @@ fn holds(modules: &[&str], conversation: &str) {
     let mut answer = None;
     for line in conversation.lines().map(str::trim) {
         match line.split_at_checked(1) {
-            Some((">", said)) => answer = say(&mut unit, &mut sheet, said.trim()),
+            Some((">", line)) => answer = say(&mut unit, &mut sheet, line.trim()),
             Some(("<", expected)) => {
                 assert_eq!(
                     answer.as_deref(),

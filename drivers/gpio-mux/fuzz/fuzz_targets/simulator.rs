@@ -32,14 +32,14 @@ impl Poles for Watched {
 }
 
 fuzz_target!(|bytes: &[u8]| {
-    let [pace, said @ ..] = bytes else {
+    let [pace, input @ ..] = bytes else {
         return;
     };
     let pause = Duration::from_micros(1 << (pace % 32));
     let mut board = SimulatorGpioMux::new(Settings::default());
     let mut poles = Watched::default();
     let mut framer = Framer::new(LONGEST);
-    framer.push(said);
+    framer.push(input);
     let mut now = Duration::ZERO;
     for message in framer.flatten() {
         let line = String::from_utf8_lossy(&message);

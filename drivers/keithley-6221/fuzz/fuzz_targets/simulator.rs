@@ -15,7 +15,7 @@ const MOST: f64 = 0.105 * (1.0 + 1e-9);
 
 fuzz_target!(|bytes: &[u8]| {
     // The first byte selects the load, the second the time between messages.
-    let [load, pace, said @ ..] = bytes else {
+    let [load, pace, input @ ..] = bytes else {
         return;
     };
     let mut load = Resistor::new(Ohms(match load {
@@ -26,7 +26,7 @@ fuzz_target!(|bytes: &[u8]| {
     let pause = Duration::from_secs_f64(10f64.powf(f64::from(*pace) / 25.0 - 4.0));
     let mut source = Simulator6221::new(Settings6221::default());
     let mut framer = Framer::new(LONGEST);
-    framer.push(said);
+    framer.push(input);
     let mut now = Duration::ZERO;
     for message in framer.flatten() {
         let reply = source.receive(&String::from_utf8_lossy(&message), now, &mut load);

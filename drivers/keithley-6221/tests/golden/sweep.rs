@@ -106,7 +106,7 @@ fn section_4_a_logarithmic_sweep_multiplies() {
 }
 
 #[test]
-fn section_4_compliance_ends_a_sweep_when_asked_to() {
+fn section_4_compliance_ends_a_sweep_if_configured() {
     let mut talk = staircase(1000.0);
     talk.hold(&[(
         "SOUR:CURR:COMP 1.5;:SOUR:SWE:CAB ON;:SOUR:SWE:ARM;:INIT",

@@ -40,11 +40,11 @@ impl Talk {
 
     /// Sends lines and checks each reply.
     pub fn hold(&mut self, lines: &[(&str, &str)]) -> &mut Self {
-        for (said, expected) in lines {
+        for (line, expected) in lines {
             assert_eq!(
-                self.say(said),
+                self.say(line),
                 *expected,
-                "after '{said}' at {:?}",
+                "after '{line}' at {:?}",
                 self.now
             );
         }

@@ -19,7 +19,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
         "TRIG:COUN 1;:SYST:ERR?",
         "FORM:READ:UNIT OFF;:SYST:ERR?",
     ] {
-        assert!(preparation.iter().any(|said| said == setting), "{setting}");
+        assert!(preparation.iter().any(|line| line == setting), "{setting}");
     }
     let read_back = preparation.last().unwrap();
     assert!(read_back.starts_with("VOLT:DC:RANG? (@1001:1026);"));
@@ -44,7 +44,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
             .map(|volts| Reading::Ok(Volts(volts)))
             .collect();
         assert_eq!(readings, expected);
-        let said = match pair {
+        let expected = match pair {
             0 => "READ?;:SYST:ERR?".to_owned(),
             _ => format!(
                 "ROUT:CLOS (@{});:ROUT:OPEN (@{});:READ?;:SYST:ERR?",
@@ -52,7 +52,7 @@ async fn pair_wiring_costs_26_reading_messages_of_one_segment_each() {
                 1035 + pair
             ),
         };
-        assert_eq!(shared.received(), [said]);
+        assert_eq!(shared.received(), [expected]);
     }
     let (driven, all) = (relays(1060..=1061), relays(1036..=1061));
     assert_eq!(
@@ -83,7 +83,7 @@ async fn matrix_wiring_reads_the_bare_voltmeter_behind_the_bus_relay() {
         shared
             .received()
             .iter()
-            .any(|said| said.starts_with("CONF:VOLT:DC 100,(@)"))
+            .any(|line| line.starts_with("CONF:VOLT:DC 100,(@)"))
     );
     switch.move_relays(&[close(&[1921])]).await.unwrap();
     switch.move_relays(&[close(&[1201])]).await.unwrap();
@@ -120,7 +120,7 @@ async fn readings_keep_requested_order_though_scan_is_ascending() {
         shared
             .received()
             .iter()
-            .any(|said| said.contains("(@1001,1003,1005)"))
+            .any(|line| line.contains("(@1001,1003,1005)"))
     );
 }
 

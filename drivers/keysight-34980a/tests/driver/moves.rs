@@ -7,14 +7,14 @@ async fn relays_left_closed_are_found_so_and_opened_in_one_message() {
     let shared = Shared::of(mainframe(&["34924A"]));
     shared.say("ROUT:CLOS (@1036,1040)");
     let mut unit = Keysight34980a::connect(shared.plug()).await.unwrap();
-    let asked = relays([1036, 1037, 1040]);
-    assert_eq!(unit.closed(&asked).await.unwrap(), [true, false, true]);
+    let requested = relays([1036, 1037, 1040]);
+    assert_eq!(unit.closed(&requested).await.unwrap(), [true, false, true]);
     shared.received();
     // After a fault, the relays are opened without the closures of the deferred move.
     unit.move_relays(&[close(&[1037]), open(&[1036])])
         .await
         .unwrap();
-    unit.open_verified(&asked).await.unwrap();
+    unit.open_verified(&requested).await.unwrap();
     assert_eq!(
         shared.received()[0],
         "ROUT:OPEN (@1036);:ROUT:OPEN (@1036,1037,1040);:ROUT:CLOS? (@1036,1037,1040);:SYST:ERR?"
@@ -22,7 +22,7 @@ async fn relays_left_closed_are_found_so_and_opened_in_one_message() {
     assert!(shared.closed().is_empty());
     shared.fake_reply("ROUT:CLOS? (@1036,1037,1040)", "0,0,1");
     assert!(matches!(
-        unit.open_verified(&asked).await,
+        unit.open_verified(&requested).await,
         Err(RigError::StillClosed { relays, .. }) if relays == [Relay(1040)]
     ));
 }

@@ -38,7 +38,7 @@ async fn channel_range_is_set_in_the_scan_message_where_it_changes() {
         shared
             .received()
             .iter()
-            .all(|said| !said.contains("RANG 1"))
+            .all(|line| !line.contains("RANG 1"))
     );
     assert!(matches!(
         meter.scan_on(&on([10.0, 2.0, 10.0, 100.0])).await,
@@ -147,7 +147,7 @@ async fn averages_are_one_message_and_an_overload_voids_the_mean() {
         "TRIG:COUN 3;:SYST:ERR?",
         "ROUT:CHAN:DEL 0.004,(@1001,1002);:SYST:ERR?",
     ] {
-        assert!(preparation.iter().any(|said| said == setting), "{setting}");
+        assert!(preparation.iter().any(|line| line == setting), "{setting}");
     }
     switch.move_relays(&[close(&[1036])]).await.unwrap();
     shared.fake_reply(
