@@ -164,13 +164,14 @@ class Charts {
     const spanMs = 1000 * stored.span_s;
     const of = name => stored.rows.filter(row => row.quantity === name).map(row => ({ ...row, begin: 1000 * row.begin_s }));
     const known = of("known");
+    // of all quantities: one that has no row in the newest span is not known there
+    const newest = stored.rows.length ? 1000 * Math.max(...stored.rows.map(row => row.begin_s)) : null;
     const unknown = known.filter(row => row.mean < 1).map(row => row.begin);
     for (const { charted: [name, words, calibrated, plain], chart } of this.drawn) {
       const minutes = stored.span_s / 60;
       const rows = name === "frames" ? known.map(row => ({ ...row, min: row.frames / minutes, mean: row.frames / minutes, max: row.frames / minutes })) : of(name);
       chart.setRows(words, rows.length && rows[0].of === "pressure" ? calibrated : plain, rows, unknown, spanMs, []);
-      const last = rows.length ? rows[rows.length - 1].begin : null;
-      chart.draw(stored.from_ms, stored.to_ms, last, null);
+      chart.draw(stored.from_ms, stored.to_ms, newest, null);
     }
     this.time.draw(stored.from_ms, stored.to_ms);
     const leftOut = [[stored.damaged, "damaged rows"], [stored.other_unit, "rows in another unit than the newest"]]

@@ -226,6 +226,14 @@ fn stored_rows_are_drawn(stage: &Stage, browser: &Browser) {
         note.ends_with(" 2 rows in another unit than the newest are left out."),
         "{note}"
     );
+    // in the newest minute no load is known
+    let captions = browser.value(
+        "(() => { const row = name => charts.stored.rows.find(row => row.quantity === name), known = row('known'); \
+         charts.stored = { ...charts.stored, rows: [{ ...row('load'), begin_s: known.begin_s - 60 }, known] }; charts.drawStored(); \
+         return byId('charts').innerText; })()",
+    );
+    let captions = captions.as_str().expect("text");
+    assert!(captions.contains("Load: not known here"), "{captions}");
     assert_eq!(
         browser.value("[...byId('chart-region').options].map(option => option.value)"),
         serde_json::json!(["sheet", "hip"])
