@@ -68,6 +68,8 @@ class Charts {
   constructor(parts) {
     Object.assign(this, parts);
     this.frames = [];
+    // whether the newest values are pressures
+    this.pressure = false;
     this.drawn = [];
     this.stored = null;
     this.lastDraw = 0;
@@ -113,7 +115,10 @@ class Charts {
     const last = this.frames[this.frames.length - 1];
     if (last && wall_ms <= last.wall_ms) { if (wall_ms === last.wall_ms) return; this.frames = []; }
     const values = new Map((quantities ? quantities.regions : []).map(region => [region.name, region.values]));
-    this.frames.push({ wall_ms, values, pressure: quantities && quantities.unit === "pressure" });
+    // null where there are no values
+    const pressure = quantities ? quantities.unit === "pressure" : null;
+    this.pressure = pressure ?? this.pressure;
+    this.frames.push({ wall_ms, values, pressure });
     const gone = this.frames.findIndex(of => of.wall_ms >= wall_ms - LIVE_MS);
     this.frames.splice(0, Math.max(gone, this.frames.length - LIVE_FRAMES));
     if (quantities) this.setRegions(quantities.regions.map(region => region.name));
@@ -132,15 +137,18 @@ class Charts {
       return index - first + 1;
     });
     const region = this.region.value || "sheet";
+    // values in another unit cannot stand on the same curve
+    const ofUnit = this.frames.filter(frame => frame.pressure === null || frame.pressure === this.pressure);
     for (const { charted: [name, , calibrated, plain], chart } of this.drawn) {
-      const points = this.frames.map((frame, index) => {
-        const value = name === "frames" ? counted[index] : (frame.values.get(region) || {})[name];
-        return { timeMs: frame.wall_ms, value: value === undefined ? null : value };
-      });
-      chart.draw(points, last && last.pressure ? calibrated : plain, to - LIVE_MS, to);
+      const points = name === "frames"
+        ? this.frames.map((frame, index) => ({ timeMs: frame.wall_ms, value: counted[index] }))
+        : ofUnit.map(frame => ({ timeMs: frame.wall_ms, value: (frame.values.get(region) || {})[name] ?? null }));
+      chart.draw(points, this.pressure ? calibrated : plain, to - LIVE_MS, to);
     }
     this.time.draw(to - LIVE_MS, to);
-    this.note.textContent = "From the frames since this page was opened, ten minutes at most. Red: not known.";
+    const others = this.frames.length - ofUnit.length;
+    const leftOut = others ? ` ${others} frames in another unit than the newest are left out.` : "";
+    this.note.textContent = `From the frames since this page was opened, ten minutes at most. Red: not known.${leftOut}`;
   }
 
   // rows of the sessions of a longer time

@@ -148,6 +148,7 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     let [sequence, shown] = ["read[0]", "read[1]"].map(|value| browser.value(value));
     let pictures = Path::new(env!("CARGO_TARGET_TMPDIR"));
     browser.screenshot(&pictures.join("live-page.png"));
+    live_values_have_one_unit(&browser);
 
     ask(&stage, &["stop"]);
     let frames = ask(&stage, &["quantities", "last", "--each-frame"]);
@@ -190,6 +191,25 @@ fn read_by_keys_and_as_a_table(browser: &Browser) {
          !(at.labels && at.labels.length) && !at.getAttribute('aria-label') && !at.textContent.trim()).map(at => at.id)",
     );
     assert_eq!(unnamed, serde_json::json!([]), "controls without a name");
+}
+
+/// A session with a calibration follows one without, and its last frame has no quantities.
+fn live_values_have_one_unit(browser: &Browser) {
+    let shown = browser.value(
+        "(() => { const usual = [charts.frames, charts.pressure]; charts.frames = []; \
+         const frame = (second, unit, load) => charts.add({ wall_ms: 1000 * second, quantities: unit && { unit, \
+           regions: ['sheet', 'hip'].map(name => ({ name, values: { load } })) } }); \
+         frame(1, 'relative-loss', 900); frame(2, 'pressure', 5); frame(3, null); charts.draw(true); \
+         const shown = byId('charts').innerText + byId('charts-note').textContent; \
+         [charts.frames, charts.pressure] = usual; return shown; })()",
+    );
+    let shown = shown.as_str().expect("text");
+    for words in [
+        "Load: not known; scale up to 5.00 N",
+        "1 frames in another unit than the newest are left out.",
+    ] {
+        assert!(shown.contains(words), "{words} in {shown}");
+    }
 }
 
 /// The charts of an hour have the rows of `tactus quantities`.
