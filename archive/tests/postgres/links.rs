@@ -4,7 +4,7 @@ use rustix::process::Signal;
 
 use crate::archive;
 use crate::frames::at;
-use crate::link::{Doing, Far, Link};
+use crate::proxy::{Far, Proxy, ProxyMode};
 use crate::server::{DATABASE, Server};
 use crate::site::{Site, add_minute, begun, more_frames};
 
@@ -13,15 +13,15 @@ const COUNTS: &str = "SELECT (SELECT count(*) FROM tactus.session), (SELECT coun
     (SELECT count(*) FROM tactus.session_summary WHERE complete)";
 
 /// A proxy to the server, used by the site.
-fn linked(server: &Server, site: &Site) -> Link {
+fn linked(server: &Server, site: &Site) -> Proxy {
     let socket = server.socket().join(format!(".s.PGSQL.{}", server.port()));
-    let link = Link::to(Far::Socket(socket));
+    let proxy = Proxy::to(Far::Socket(socket));
     let dsn = format!(
         "host=127.0.0.1 port={} dbname={DATABASE} user=berlin",
-        link.port()
+        proxy.port()
     );
     site.configure(&dsn, "");
-    link
+    proxy
 }
 
 #[test]
@@ -29,8 +29,8 @@ fn week_without_link_is_archived_in_one_pass() {
     let Some((server, site)) = archive("berlin") else {
         return;
     };
-    let link = linked(&server, &site);
-    link.set(Doing::Cut);
+    let proxy = linked(&server, &site);
+    proxy.set(ProxyMode::Cut);
     let mut writer = begun(&site.record(), "m1", 1);
     for day in 1..=7 {
         for minute in 1..=10 {
@@ -46,7 +46,7 @@ fn week_without_link_is_archived_in_one_pass() {
         );
         assert!(site.stored().is_empty());
     }
-    link.set(Doing::Open);
+    proxy.set(ProxyMode::Open);
     let status = site.run(&["status", "--json"]);
     let status: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
     assert_eq!(status["missing"].as_array().unwrap().len(), 7, "{status}");
@@ -65,7 +65,7 @@ fn link_cut_at_any_statement_loses_and_doubles_nothing() {
     let Some((server, site)) = archive("berlin") else {
         return;
     };
-    let link = linked(&server, &site);
+    let proxy = linked(&server, &site);
     let statements: [&[u8]; 8] = [
         b"SELECT part, encode",
         b"synchronous_commit",
@@ -78,10 +78,13 @@ fn link_cut_at_any_statement_loses_and_doubles_nothing() {
     ];
     let mut sessions = 0;
     for statement in statements {
-        for cut in [Doing::CutBefore(statement), Doing::CutAfter(statement)] {
+        for cut in [
+            ProxyMode::CutBefore(statement),
+            ProxyMode::CutAfter(statement),
+        ] {
             sessions += 1;
             site.record_session(&format!("m{sessions}"), 1);
-            link.set(cut.clone());
+            proxy.set(cut.clone());
             let output = site.run(&["push"]);
             let error = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(75), "{cut:?}: {error}");
@@ -91,7 +94,7 @@ fn link_cut_at_any_statement_loses_and_doubles_nothing() {
             );
             let there = server.sql("SELECT count(*) FROM tactus.part");
             // after COMMIT only the reply was lost: the part is committed
-            let committed = cut == Doing::CutAfter(b"COMMIT");
+            let committed = cut == ProxyMode::CutAfter(b"COMMIT");
             let expected = if committed { sessions } else { sessions - 1 };
             assert_eq!(there, expected.to_string(), "{cut:?}");
             let confirmed = site.record().join(format!("m{sessions}.archived.json"));
@@ -99,7 +102,7 @@ fn link_cut_at_any_statement_loses_and_doubles_nothing() {
                 !confirmed.exists(),
                 "{cut:?}: a receipt without a known commit"
             );
-            link.set(Doing::Open);
+            proxy.set(ProxyMode::Open);
             site.done(&["push"]);
             assert!(confirmed.exists(), "{cut:?}");
             let expected = [1, 1, 3, 4, 1, 3, 1].map(|count| (count * sessions).to_string());

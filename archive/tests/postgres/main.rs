@@ -7,9 +7,9 @@ mod faults;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]
 mod frames;
 mod kills;
-mod link;
 mod links;
 mod objects;
+mod proxy;
 mod pushes;
 mod reading;
 mod refusals;

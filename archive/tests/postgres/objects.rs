@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 
 use crate::archive;
 use crate::authority::{authority, issue};
-use crate::link::{Doing, Far, Link};
+use crate::proxy::{Far, Proxy, ProxyMode};
 use crate::server::{DATABASE, Server};
 use crate::site::Site;
 
@@ -155,13 +155,13 @@ fn part_altered_on_its_way_to_a_bucket_is_no_part() {
     };
     moto.request("PUT", "/parts", "");
     let far: u16 = moto.endpoint.rsplit(':').next().unwrap().parse().unwrap();
-    let link = Link::to(Far::Port(far));
+    let proxy = Proxy::to(Far::Port(far));
     site.write_private("keys", "name\nsecret\n");
-    let near = format!("http://127.0.0.1:{}", link.port());
+    let near = format!("http://127.0.0.1:{}", proxy.port());
     use_bucket(&server, &site, &near, "store_keys_file = \"keys\"\n");
     site.record_session("m1", 1);
     // the header of every SQLite file
-    link.set(Doing::Alter(b"SQLite format 3"));
+    proxy.set(ProxyMode::Alter(b"SQLite format 3"));
     let output = site.run(&["push"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let text = String::from_utf8_lossy(&output.stdout);
@@ -172,7 +172,7 @@ fn part_altered_on_its_way_to_a_bucket_is_no_part() {
     assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "0");
     assert!(!site.record().join("m1.archived.json").exists());
     // the damaged object stays and does not count as the part; a person must remove it
-    link.set(Doing::Open);
+    proxy.set(ProxyMode::Open);
     assert_eq!(site.run(&["push"]).status.code(), Some(1));
     let (_, hash) = text.split_once("berlin/bed3/m1/m1.").unwrap();
     let (hash, _) = hash.split_once(".tactus").unwrap();
@@ -185,10 +185,10 @@ fn part_altered_on_its_way_to_a_bucket_is_no_part() {
     site.done(&["verify"]);
     // the link is cut in the middle of the next part
     site.record_session("m2", 1);
-    link.set(Doing::CutBefore(b"SQLite format 3"));
+    proxy.set(ProxyMode::CutBefore(b"SQLite format 3"));
     let error = site.refused(&["push"], 75);
     assert!(error.contains("cannot reach the store"), "{error}");
-    link.set(Doing::Open);
+    proxy.set(ProxyMode::Open);
     site.done(&["push"]);
     assert_eq!(site.done(&["verify"]).matches(": whole").count(), 2);
 }

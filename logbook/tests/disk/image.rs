@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::vfs::{Act, Mark, Step};
+use crate::vfs::{Mark, Operation, Step};
 
 const SECTOR: usize = 512;
 
@@ -13,7 +13,7 @@ struct File {
     /// Durable content; `None` if the file does not exist.
     durable: Option<Vec<u8>>,
     /// Operations since the last sync: writes, truncations, a deletion.
-    since: Vec<Act>,
+    since: Vec<Operation>,
     made: bool,
 }
 
@@ -40,43 +40,43 @@ pub enum Lost {
 
 impl Disk {
     pub fn take(&mut self, step: &Step) {
-        if let Act::Mark(mark) = step.act {
+        if let Operation::Mark(mark) = step.operation {
             self.reported = mark;
             return;
         }
         let file = self.files.entry(step.file.clone()).or_default();
-        match &step.act {
-            Act::Open => {
+        match &step.operation {
+            Operation::Open => {
                 if !file.made {
                     file.made = true;
                     file.durable = Some(Vec::new());
                     file.since.clear();
                 }
             }
-            Act::Sync => {
+            Operation::Sync => {
                 let since = std::mem::take(&mut file.since);
                 let mut content = file.durable.take();
-                for act in &since {
-                    apply(&mut content, act, usize::MAX);
+                for operation in &since {
+                    apply(&mut content, operation, usize::MAX);
                 }
                 file.durable = content;
             }
-            Act::Delete { lasting } => {
-                file.since.push(step.act.clone());
+            Operation::Delete { lasting } => {
+                file.since.push(step.operation.clone());
                 file.made = false;
                 if *lasting {
                     file.durable = None;
                     file.since.clear();
                 }
             }
-            act => file.since.push(act.clone()),
+            operation => file.since.push(operation.clone()),
         }
     }
 
     /// Sectors of the last write, if the last step was one.
     pub fn last_sectors(&self, step: &Step) -> usize {
-        match &step.act {
-            Act::Write { offset, bytes } => {
+        match &step.operation {
+            Operation::Write { offset, bytes } => {
                 (offset + bytes.len()).div_ceil(SECTOR) - offset / SECTOR
             }
             _ => 0,
@@ -84,7 +84,7 @@ impl Disk {
     }
 
     /// Writes the files of one possible disk content to a folder.
-    pub fn lay(&self, folder: &Path, lost: Lost, last: &str) {
+    pub fn write_to(&self, folder: &Path, lost: Lost, last: &str) {
         let mut dice = match lost {
             Lost::Some(seed) => seed | 1,
             _ => 1,
@@ -98,7 +98,7 @@ impl Disk {
         for (name, file) in &self.files {
             let mut content = file.durable.clone();
             let count = file.since.len();
-            for (place, act) in file.since.iter().enumerate() {
+            for (place, operation) in file.since.iter().enumerate() {
                 let sectors = match lost {
                     Lost::Nothing => usize::MAX,
                     Lost::Everything => 0,
@@ -110,7 +110,7 @@ impl Disk {
                         _ => throw(40) as usize,
                     },
                 };
-                apply(&mut content, act, sectors);
+                apply(&mut content, operation, sectors);
             }
             if let Some(content) = content {
                 std::fs::write(folder.join(name), content).expect("an image is written");
@@ -120,9 +120,9 @@ impl Disk {
 }
 
 /// Applies an operation; of a write only the first `sectors` sectors.
-fn apply(content: &mut Option<Vec<u8>>, act: &Act, sectors: usize) {
-    match act {
-        Act::Write { offset, bytes } if sectors > 0 => {
+fn apply(content: &mut Option<Vec<u8>>, operation: &Operation, sectors: usize) {
+    match operation {
+        Operation::Write { offset, bytes } if sectors > 0 => {
             let end = (offset / SECTOR)
                 .saturating_add(sectors)
                 .saturating_mul(SECTOR);
@@ -133,8 +133,10 @@ fn apply(content: &mut Option<Vec<u8>>, act: &Act, sectors: usize) {
             }
             content[*offset..offset + count].copy_from_slice(&bytes[..count]);
         }
-        Act::Truncate(size) if sectors > 0 => content.get_or_insert_default().resize(*size, 0),
-        Act::Delete { .. } if sectors > 0 => *content = None,
+        Operation::Truncate(size) if sectors > 0 => {
+            content.get_or_insert_default().resize(*size, 0)
+        }
+        Operation::Delete { .. } if sectors > 0 => *content = None,
         _ => {}
     }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::example_frames::taken::{at, taken};
 use crate::image::{Disk, Lost};
-use crate::vfs::{self, Act, Fault, Mark, Step};
+use crate::vfs::{self, Fault, Mark, Operation, Step};
 use logbook::{LogbookError, RESUMED, SessionHeader, SessionReader, SessionWriter, Storage};
 use survey::{Baseline, Frame, Protocol, Reading, Volts};
 
@@ -52,7 +52,7 @@ struct Recording<'a> {
 
 impl<'a> Recording<'a> {
     fn begin(folder: &'a Path) -> Self {
-        vfs::listen();
+        vfs::record();
         Self {
             folder,
             writer: SessionWriter::create_with(folder, &header(), STORAGE).unwrap(),
@@ -225,15 +225,15 @@ fn every_cut(steps: &[Step], all: bool) -> usize {
         );
         for lost in ways {
             let folder = scratch();
-            disk.lay(folder.path(), lost, &step.file);
+            disk.write_to(folder.path(), lost, &step.file);
             let outcome = std::panic::catch_unwind(|| check(folder.path(), disk.reported));
             if let Err(cause) = outcome {
                 eprintln!(
                     "after step {index} of {} ({} {}), {lost:?}",
                     steps.len(),
                     step.file,
-                    match &step.act {
-                        Act::Write { offset, bytes } =>
+                    match &step.operation {
+                        Operation::Write { offset, bytes } =>
                             format!("write of {} at {offset}", bytes.len()),
                         other => format!("{other:?}"),
                     }
@@ -260,7 +260,7 @@ fn whatever_a_power_cut_leaves_holds_what_was_acknowledged() {
 fn a_recording_that_does_not_sync_is_found_out() {
     let folder = scratch();
     let mut steps = recording(folder.path(), 2);
-    steps.retain(|step| step.act != Act::Sync || !step.file.ends_with("-wal"));
+    steps.retain(|step| step.operation != Operation::Sync || !step.file.ends_with("-wal"));
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
     let outcome = std::panic::catch_unwind(|| every_cut(&steps, false));
@@ -323,7 +323,7 @@ fn after_a_failed_sync_the_next_writer_goes_on() {
         disk.take(step);
     }
     let image = scratch();
-    disk.lay(image.path(), Lost::Everything, "");
+    disk.write_to(image.path(), Lost::Everything, "");
     check(image.path(), disk.reported);
 }
 

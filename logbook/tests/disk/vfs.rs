@@ -16,7 +16,7 @@ use rusqlite::ffi;
 
 /// An operation on a file, or a mark of the test.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Act {
+pub enum Operation {
     /// Created, or opened.
     Open,
     Write {
@@ -49,7 +49,7 @@ pub struct Mark {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
     pub file: String,
-    pub act: Act,
+    pub operation: Operation,
 }
 
 /// A fault to inject in a folder.
@@ -87,7 +87,7 @@ fn with<T>(act: impl FnOnce(&mut State) -> T) -> T {
 }
 
 /// Records all operations of this process from now on.
-pub fn listen() {
+pub fn record() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         // SAFETY: the default layer is there after initialisation and lives as long as the program; the copy is leaked,
@@ -121,7 +121,7 @@ pub fn steps(folder: &Path) -> Vec<Step> {
 
 /// Records what has been acknowledged to the writer.
 pub fn mark(folder: &Path, mark: Mark) {
-    note(folder.to_owned(), Act::Mark(mark));
+    note(folder.to_owned(), Operation::Mark(mark));
 }
 
 /// Injects a fault in a folder, or ends it (`None`).
@@ -132,14 +132,14 @@ pub fn fail(folder: &Path, fault: Option<Fault>) {
     });
 }
 
-fn note(path: PathBuf, act: Act) {
+fn note(path: PathBuf, operation: Operation) {
     let file = path
         .file_name()
         .map(|name| name.to_string_lossy().into_owned())
         .unwrap_or_default();
     // The index of a journal is rebuilt after a power cut, so operations on it do not matter.
     if !file.ends_with("-shm") {
-        with(|state| state.steps.push((path, Step { file, act })));
+        with(|state| state.steps.push((path, Step { file, operation })));
     }
 }
 
@@ -201,7 +201,7 @@ unsafe extern "C" fn open(
             state.open.insert(file as usize, known)
         });
         if flags & ffi::SQLITE_OPEN_READONLY == 0 {
-            note(path, Act::Open);
+            note(path, Operation::Open);
         }
     }
     answer
@@ -216,7 +216,7 @@ unsafe extern "C" fn delete(_: *mut ffi::sqlite3_vfs, name: *const c_char, sync:
         let path = unsafe { CStr::from_ptr(name) };
         note(
             PathBuf::from(path.to_string_lossy().into_owned()),
-            Act::Delete { lasting: sync != 0 },
+            Operation::Delete { lasting: sync != 0 },
         );
     }
     answer
@@ -247,7 +247,7 @@ unsafe extern "C" fn write(
     };
     if answer == ffi::SQLITE_OK {
         let offset = offset as usize;
-        note(path, Act::Write { offset, bytes });
+        note(path, Operation::Write { offset, bytes });
     }
     answer
 }
@@ -257,7 +257,7 @@ unsafe extern "C" fn truncate(file: *mut ffi::sqlite3_file, size: ffi::sqlite3_i
     // SAFETY: the file's own function.
     let answer = unsafe { (*methods).xTruncate.expect("it truncates files")(file, size) };
     if answer == ffi::SQLITE_OK {
-        note(path, Act::Truncate(size as usize));
+        note(path, Operation::Truncate(size as usize));
     }
     answer
 }
@@ -269,6 +269,6 @@ unsafe extern "C" fn sync(file: *mut ffi::sqlite3_file, flags: c_int) -> c_int {
     }
     // No real sync is needed: the images define the effect of a sync.
     let _ = (methods, flags);
-    note(path, Act::Sync);
+    note(path, Operation::Sync);
     ffi::SQLITE_OK
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::example_frames::noisy::{Digits, Rig, at};
-use crate::vfs::{self, Act};
+use crate::vfs::{self, Operation};
 use logbook::{MapRecord, SessionHeader, SessionWriter};
 use survey::Baseline;
 
@@ -46,7 +46,7 @@ fn record<T>(dir: &Path, digits: Digits, frames: u64, group: u64, begun: impl Fn
 /// Bytes that SQLite writes per frame, and bytes of the blocks changed between two syncs. Both include merges of the
 /// journal and the close.
 fn a_frame_writes(digits: Digits, frames: u64, group: u64) -> (f64, f64) {
-    vfs::listen();
+    vfs::record();
     let dir = tempfile::tempdir().unwrap();
     let before = record(dir.path(), digits, frames, group, || {
         vfs::steps(dir.path()).len()
@@ -54,8 +54,8 @@ fn a_frame_writes(digits: Digits, frames: u64, group: u64) -> (f64, f64) {
     let (mut bytes, mut blocks, mut syncs) = (0, 0, 0_u64);
     let mut changed = BTreeSet::new();
     for step in vfs::steps(dir.path()).split_off(before) {
-        match step.act {
-            Act::Write {
+        match step.operation {
+            Operation::Write {
                 offset,
                 bytes: written,
             } => {
@@ -63,7 +63,7 @@ fn a_frame_writes(digits: Digits, frames: u64, group: u64) -> (f64, f64) {
                 let last = (offset + written.len()).saturating_sub(1) / BLOCK;
                 changed.extend((offset / BLOCK..=last).map(|block| (step.file.clone(), block)));
             }
-            Act::Sync => {
+            Operation::Sync => {
                 syncs += 1;
                 let others = changed.len();
                 changed.retain(|(file, _)| *file != step.file);

@@ -124,7 +124,7 @@ fn files(path: &Path) -> Files {
         .collect()
 }
 
-fn lay(path: &Path, files: &Files) {
+fn write_files(path: &Path, files: &Files) {
     for end in ENDS.into_iter().chain(["-journal"]) {
         let _ = std::fs::remove_file(with(path, end));
     }
@@ -200,7 +200,7 @@ impl RowCounts {
 fn none_is_missed(files: &Files, of: &str, count: u64) {
     let folder = scratch();
     let path = folder.path().join("m1.tactus");
-    lay(&path, files);
+    write_files(&path, files);
     let original = View::of(&path);
     assert_eq!(original.frames.len() as u64, FRAMES);
     let findings = logbook::verify(&path, |_| {}).unwrap().findings;
@@ -211,15 +211,15 @@ fn none_is_missed(files: &Files, of: &str, count: u64) {
     for _ in 0..count {
         let mut mutated = files.clone();
         let what = bytes::mutate(&mut mutated, &mut dice);
-        lay(&path, &mutated);
+        write_files(&path, &mutated);
         by_bytes.judge(&path, &original, &what);
     }
     by_bytes.conclude(&format!("{of}, bytes"));
 
     let mut by_sql = RowCounts::default();
-    lay(&path, files);
+    write_files(&path, files);
     for what in sql::mutations(&path) {
-        lay(&path, files);
+        write_files(&path, files);
         if sql::apply(&path, &what) {
             by_sql.judge(&path, &original, &what);
         }

@@ -42,7 +42,7 @@ fn begun(dir: &Path, id: &str, frames: u64) -> SessionWriter {
 }
 
 /// Copies the files of a session as they are on disk now, before the writer is dropped.
-fn as_it_lies(from: &Path) -> tempfile::TempDir {
+fn copy_of_files(from: &Path) -> tempfile::TempDir {
     let to = tempfile::tempdir().unwrap();
     for entry in std::fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();
@@ -66,7 +66,7 @@ fn holds(path: impl AsRef<Path>, frames: std::ops::RangeInclusive<u64>) -> Sessi
 fn a_session_whose_writer_was_killed_goes_on_where_it_was() {
     let dir = tempfile::tempdir().unwrap();
     let writer = begun(dir.path(), "m1", 20);
-    let place = as_it_lies(dir.path());
+    let place = copy_of_files(dir.path());
     drop(writer);
     let path = place.path().join("m1.tactus");
     let found = logbook::interrupted(place.path()).unwrap();
@@ -186,7 +186,7 @@ fn a_session_rolls_over_without_a_gap() {
 fn a_crash_between_the_two_steps_of_rolling_over_is_understood() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = begun(dir.path(), "m1", 5);
-    let before = as_it_lies(dir.path());
+    let before = copy_of_files(dir.path());
     writer.roll(at(6)).unwrap();
     for entry in std::fs::read_dir(dir.path()).unwrap() {
         let name = entry.unwrap().file_name();

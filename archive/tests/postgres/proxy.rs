@@ -15,9 +15,9 @@ pub enum Far {
     Port(u16),
 }
 
-/// What the proxy does.
+/// What a proxy does with the data.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Doing {
+pub enum ProxyMode {
     /// Forwards everything.
     Open,
     /// Forwards nothing and closes connections.
@@ -30,9 +30,9 @@ pub enum Doing {
     Alter(&'static [u8]),
 }
 
-pub struct Link {
+pub struct Proxy {
     port: u16,
-    doing: Arc<Mutex<Doing>>,
+    mode: Arc<Mutex<ProxyMode>>,
 }
 
 /// Both kinds of stream.
@@ -59,17 +59,17 @@ impl Stream for UnixStream {
     }
 }
 
-impl Link {
+impl Proxy {
     /// A proxy that forwards to the far end.
     pub fn to(far: Far) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
-        let doing = Arc::new(Mutex::new(Doing::Open));
-        let shared = Arc::clone(&doing);
+        let mode = Arc::new(Mutex::new(ProxyMode::Open));
+        let shared = Arc::clone(&mode);
         std::thread::spawn(move || {
             for near in listener.incoming() {
                 let Ok(near) = near else { return };
-                if *shared.lock().unwrap() == Doing::Cut {
+                if *shared.lock().unwrap() == ProxyMode::Cut {
                     continue;
                 }
                 let opened: std::io::Result<Box<dyn Stream>> = match &far {
@@ -80,27 +80,27 @@ impl Link {
                 };
                 // the far end is unreachable: close the near one
                 let Ok(far) = opened else { continue };
-                carry(Box::new(near), far, &shared);
+                forward(Box::new(near), far, &shared);
             }
         });
-        Self { port, doing }
+        Self { port, mode }
     }
 
     pub fn port(&self) -> u16 {
         self.port
     }
 
-    pub fn set(&self, doing: Doing) {
-        *self.doing.lock().unwrap() = doing;
+    pub fn set(&self, mode: ProxyMode) {
+        *self.mode.lock().unwrap() = mode;
     }
 }
 
 /// Forwards a connection in both directions.
-fn carry(near: Box<dyn Stream>, far: Box<dyn Stream>, doing: &Arc<Mutex<Doing>>) {
+fn forward(near: Box<dyn Stream>, far: Box<dyn Stream>, mode: &Arc<Mutex<ProxyMode>>) {
     // whether the next reply must be dropped
     let cut = Arc::new(Mutex::new(false));
     let (mut from, mut to) = (near.twin(), far.twin());
-    let (there, cut_there) = (Arc::clone(doing), Arc::clone(&cut));
+    let (there, cut_there) = (Arc::clone(mode), Arc::clone(&cut));
     std::thread::spawn(move || {
         let mut block = vec![0; 1 << 16];
         while let Ok(count @ 1..) = from.read(&mut block) {
@@ -108,10 +108,12 @@ fn carry(near: Box<dyn Stream>, far: Box<dyn Stream>, doing: &Arc<Mutex<Doing>>)
             let has = |text: &[u8]| block.windows(text.len()).position(|part| part == text);
             let now = there.lock().unwrap().clone();
             match now {
-                Doing::Cut => break,
-                Doing::CutBefore(text) if has(text).is_some() => break,
-                Doing::CutAfter(text) if has(text).is_some() => *cut_there.lock().unwrap() = true,
-                Doing::Alter(text) => {
+                ProxyMode::Cut => break,
+                ProxyMode::CutBefore(text) if has(text).is_some() => break,
+                ProxyMode::CutAfter(text) if has(text).is_some() => {
+                    *cut_there.lock().unwrap() = true
+                }
+                ProxyMode::Alter(text) => {
                     if let Some(at) = has(text) {
                         block[at] ^= 1;
                     }
@@ -126,11 +128,11 @@ fn carry(near: Box<dyn Stream>, far: Box<dyn Stream>, doing: &Arc<Mutex<Doing>>)
         to.end();
     });
     let (mut from, mut to) = (far, near);
-    let there = Arc::clone(doing);
+    let there = Arc::clone(mode);
     std::thread::spawn(move || {
         let mut block = vec![0; 1 << 16];
         while let Ok(count @ 1..) = from.read(&mut block) {
-            let ends = *cut.lock().unwrap() || *there.lock().unwrap() == Doing::Cut;
+            let ends = *cut.lock().unwrap() || *there.lock().unwrap() == ProxyMode::Cut;
             if ends || to.write_all(&block[..count]).is_err() {
                 break;
             }
