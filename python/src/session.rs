@@ -170,14 +170,23 @@ impl SessionFile {
     fn columns(&self, first: u64, last: u64) -> PyResult<Columns> {
         let parts = SessionParts::open(&self.path).map_err(|fault| unread(&self.path, &fault))?;
         let mut columns = Columns::default();
+        // the number of the frame before; a damaged one has at least the next
+        let mut before = first.max(1) - 1;
         for (count, record) in parts.frames_from(first).enumerate() {
             if count % FRAMES_AT_A_TIME == 0 {
                 Python::attach(|py| py.check_signals())?;
             }
             match record {
+                _ if before >= last => break,
                 Ok(record) if record.frame.sequence > last => break,
-                Ok(record) => columns.add(&record),
-                Err(fault) => columns.damaged.push(survey::error_chain(&fault)),
+                Ok(record) => {
+                    before = record.frame.sequence;
+                    columns.add(&record);
+                }
+                Err(fault) => {
+                    before += 1;
+                    columns.damaged.push(survey::error_chain(&fault));
+                }
             }
         }
         Ok(columns)

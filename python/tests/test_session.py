@@ -91,6 +91,21 @@ def test_a_damaged_frame_is_left_out_and_named(path, tmp_path):
     assert len(damaged.damaged) == 1
 
 
+def test_a_damaged_frame_after_the_last_is_not_of_the_part(path, tmp_path):
+    import sqlite3
+
+    for part in path.parent.glob("tank*.tactus"):
+        copy = tmp_path / part.name
+        copy.write_bytes(part.read_bytes())
+        with sqlite3.connect(copy) as connection:
+            connection.execute("UPDATE frame SET checksum = checksum + 1 WHERE sequence >= 2")
+    part = open_session(tmp_path / path.name, last=1)
+    assert part.sequence.tolist() == [1] and part.damaged == []
+    part = open_session(tmp_path / path.name, last=2)
+    with pytest.warns(RuntimeWarning, match="a frame is left out.*frame 2"):
+        assert len(part.damaged) == 1
+
+
 def test_xarray(session):
     xarray = pytest.importorskip("xarray")
     data = session.to_xarray()
