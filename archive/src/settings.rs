@@ -132,6 +132,18 @@ impl Settings {
         if let Err((key, fault)) = &store {
             problems.push(source.problem(&format!("archive.{key}"), fault.as_str()));
         }
+        let of_bucket = [
+            ("store_endpoint", archive.store_endpoint.is_some()),
+            ("store_region", archive.store_region.is_some()),
+            ("store_keys_file", archive.store_keys_file.is_some()),
+            ("store_ca", archive.store_ca.is_some()),
+        ];
+        if matches!(store, Ok(StorePlace::Folder(_))) {
+            for (key, _) in of_bucket.into_iter().filter(|(_, given)| *given) {
+                let text = "belongs to a bucket, and archive.store is a folder";
+                problems.push(source.problem(&format!("archive.{key}"), text));
+            }
+        }
         if archive.dsn.is_empty() {
             let text = "is missing: write `host=HOST dbname=DATABASE user=ROLE`";
             problems.push(source.problem("archive.dsn", text));
@@ -244,6 +256,23 @@ mod tests {
         assert!(none.contains("archive: is missing"), "{none}");
         let fast = read("[archive]\nevery_s = 0.0\n").unwrap_err();
         assert!(fast.contains("archive.every_s"), "{fast}");
+    }
+
+    #[test]
+    fn settings_of_a_bucket_are_refused_with_a_folder() {
+        let archive = "[archive]\nsite = \"berlin\"\nstore = \"store\"\ndsn = \"host=localhost dbname=a user=b\"\n";
+        for key in [
+            "store_endpoint",
+            "store_region",
+            "store_keys_file",
+            "store_ca",
+        ] {
+            let text = read(&format!("{archive}{key} = \"x\"\n")).unwrap_err();
+            let words =
+                format!("archive.{key}: belongs to a bucket, and archive.store is a folder");
+            assert!(text.contains(&words), "{text}");
+        }
+        assert!(read(archive).is_ok());
     }
 
     #[test]
