@@ -117,7 +117,7 @@ fn hot_spot(seen: &FrameQuantities, spot: &SpotTrack, columns: usize) -> String 
     let text = format!(
         "{:>2} ({x:.0}, {y:.0}) {peak} {area} cm2 {}",
         spot.number,
-        display_long(spot.age_s)
+        spot.age_s.map_or_else(|| "-".to_owned(), display_long)
     );
     let wider = spot.uncertainty.map(|uncertainty| {
         let [half, _] = uncertainty.half_axes_mm;
