@@ -134,7 +134,7 @@ pub fn write(path: &Path, existing: Existing, bytes: &[u8]) -> Result<(), OutFil
 }
 
 /// Removes a file of an earlier output that the present one does not have, and leaves one that is not there; refuses what
-/// [`write`] would refuse.
+/// [`write()`] would refuse.
 ///
 /// # Errors
 /// See [`OutFileError`].
