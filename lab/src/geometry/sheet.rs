@@ -1,7 +1,7 @@
 //! `tactus-lab sheet`: the sheet behind a baseline, uneven as it was sprayed, as a case folder.
 
 use eit::Case;
-use imaging::recorded::{Recording, TableOptions};
+use imaging::recorded::{Recording, TableOptions, one_current};
 use imaging::tracking::sheet_fit;
 use imaging::{Conditions, Geometry};
 use serde_json::json;
@@ -81,19 +81,15 @@ fn baseline(options: &SheetOptions, case: &Case) -> Result<(Vec<Reading>, Amps),
         }
         return Ok((recording.unloaded.readings, recording.current));
     }
-    let current = case.currents[0];
-    if case.currents.iter().any(|other| *other != current) {
-        return Err(Failure::because(format!(
-            "the readings of {} have several currents, and a sheet is fitted to readings at one: divide each by its current, and leave \
-             the column current_A of protocol.csv out",
-            options.case.display()
-        )));
-    }
+    let current =
+        one_current(&options.case.join("protocol.csv"), &case.currents).map_err(|fault| {
+            Failure::of("cannot fit a sheet to readings at several currents", &fault)
+        })?;
     let table = TableOptions {
         frames: options.frames.as_deref(),
         baseline: options.baseline.as_ref(),
         negate: false,
     };
     let table = frames(&options.case, &table, readings)?;
-    Ok((table.unloaded.readings, Amps(current)))
+    Ok((table.unloaded.readings, current))
 }

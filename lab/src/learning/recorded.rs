@@ -6,6 +6,7 @@ use eit::model::fingerprint;
 use eit::{Case, Mesh, TrainingSettings, bounding_box};
 use imaging::recorded::{FrameTable, TableOptions};
 use studies::Failure;
+use studies::evaluation::test_set;
 use survey::Reading;
 use training::dataset::keep_recorded;
 use training::samples::Sample;
@@ -26,7 +27,7 @@ const MILLI: f64 = 1e3;
 
 /// Makes the set and prints what it has.
 pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> Result<(), Failure> {
-    let presses = Presses::read(&folder.join("presses.csv"))?;
+    let presses = Presses::read(&folder.join(test_set::PRESSES))?;
     if let Some(loss) = options.loss
         && presses.all.iter().any(|press| press.loss.is_some())
     {

@@ -7,7 +7,7 @@ use eit::{Calibration, KnownPress};
 use phantom::GRAVITY;
 
 use imaging::recorded::TableOptions;
-use studies::evaluation::MethodOptions;
+use studies::evaluation::{MethodOptions, test_set};
 use studies::{Failure, write};
 
 use crate::args::CalibrateOptions;
@@ -22,7 +22,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let presses = options
         .presses
         .clone()
-        .unwrap_or_else(|| geometry::folder(&options.case).join("presses.csv"));
+        .unwrap_or_else(|| geometry::folder(&options.case).join(test_set::PRESSES));
     let presses = Presses::read(&presses)?;
     let table = TableOptions {
         frames: options.frames.as_deref(),

@@ -20,5 +20,5 @@ pub use map_table::{
     maps_heading, table_time, triangles_text,
 };
 pub use readings::{BaselineRule, LabelledReadings, Unloaded, read_frames};
-pub use recording::{Origin, RecordedFrame, Recording};
+pub use recording::{Origin, RecordedFrame, Recording, one_current};
 pub use session::SessionParts;

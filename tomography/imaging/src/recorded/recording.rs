@@ -358,7 +358,11 @@ fn of_record(record: Record, negate: bool) -> RecordedFrame {
     }
 }
 
-fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, RecordedError> {
+/// The current of all readings, A.
+///
+/// # Errors
+/// [`RecordedError::Currents`], with the `file` of the currents, where readings have several.
+pub fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, RecordedError> {
     let current = currents.first().copied().unwrap_or(1.0);
     if currents.iter().any(|other| *other != current) {
         return Err(RecordedError::Currents(file.to_owned()));
