@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rig::{Move, RigError, Switch};
+use rig::{LinkError, Move, RigError, Switch};
 use survey::{Electrode, Relay};
 
 use crate::chip::{GpioChip, GpioFault};
@@ -26,7 +26,7 @@ impl<C: GpioChip> GpioBoard<C> {
     /// Takes the lines and switches every enable off.
     ///
     /// # Errors
-    /// A chip that is gone, a line that stays on, more electrodes than two chips a pole have.
+    /// [`LinkError::Lost`] for a chip that is gone, a line that stays on, more electrodes than two chips a pole have.
     pub fn new(chip: C, electrodes: usize, settling: Duration) -> Result<Self, RigError> {
         let instrument = format!("GPIO board on {}", chip.name());
         let mut board = Self {
@@ -47,7 +47,7 @@ impl<C: GpioChip> GpioBoard<C> {
     /// Reads back the electrodes on the poles.
     ///
     /// # Errors
-    /// A chip that is gone.
+    /// [`LinkError::Lost`] for a chip that is gone.
     pub fn state(&mut self) -> Result<State, RigError> {
         Ok(self.levels()?.state())
     }
@@ -55,11 +55,11 @@ impl<C: GpioChip> GpioBoard<C> {
     /// Switches every enable off and verifies that they are off.
     ///
     /// # Errors
-    /// A chip that is gone, [`RigError::StillClosed`] for an enable that stays on.
+    /// [`LinkError::Lost`] for a chip that is gone, [`RigError::StillClosed`] for an enable that stays on.
     pub fn all_off(&mut self) -> Result<(), RigError> {
         let enables = Pole::ALL.map(Levels::enables).into_iter().sum();
         let outcome = self.chip.set(enables, 0);
-        outcome.map_err(|fault| self.broken(&fault))?;
+        outcome.map_err(|fault| self.broken(fault))?;
         self.refuse_joined(|_| true)
     }
 
@@ -78,11 +78,16 @@ impl<C: GpioChip> GpioBoard<C> {
 
     fn levels(&mut self) -> Result<Levels, RigError> {
         let outcome = self.chip.read();
-        outcome.map_err(|fault| self.broken(&fault))
+        outcome.map_err(|fault| self.broken(fault))
     }
 
-    fn broken(&self, fault: &GpioFault) -> RigError {
-        self.unable(format!("go on: {fault}"))
+    /// As the broken link of a serial board: the chip may come back, and its lines must then be requested again.
+    fn broken(&self, fault: GpioFault) -> RigError {
+        RigError::Link(LinkError::Lost {
+            instrument: self.instrument.clone(),
+            message: String::new(),
+            cause: Some(std::io::Error::other(fault)),
+        })
     }
 
     fn unable(&self, what: String) -> RigError {
@@ -107,7 +112,7 @@ impl<C: GpioChip> GpioBoard<C> {
     fn apply(&mut self, from: State, to: State) -> Result<(), RigError> {
         for step in steps(from, to) {
             let outcome = self.chip.set(step.mask, step.bits);
-            outcome.map_err(|fault| self.broken(&fault))?;
+            outcome.map_err(|fault| self.broken(fault))?;
             let read = self.levels()?;
             let wrong = (read.0 ^ step.bits) & step.mask;
             if wrong != 0 {
@@ -168,7 +173,7 @@ impl<C: GpioChip> Switch for GpioBoard<C> {
         // a gpiochip refuses to set no line
         if mask != 0 {
             let outcome = self.chip.set(mask, 0);
-            outcome.map_err(|fault| self.broken(&fault))?;
+            outcome.map_err(|fault| self.broken(fault))?;
         }
         self.refuse_joined(|relay| relays.contains(&relay))
     }

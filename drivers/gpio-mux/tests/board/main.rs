@@ -7,7 +7,7 @@ use std::time::Duration;
 use gpio_mux::{Chip, GpioBoard, Line, Pole};
 use memory_chip::{LineEdge, MemoryChip};
 use proptest::prelude::*;
-use rig::{Move, RigError, Switch};
+use rig::{LinkError, Move, RigError, Switch};
 use survey::{Electrode, Relay};
 
 fn board() -> (MemoryChip, GpioBoard<MemoryChip>) {
@@ -150,15 +150,29 @@ async fn relays_that_are_open_already_are_verified_open() {
 }
 
 #[tokio::test]
-async fn an_unplugged_chip_is_an_error_and_leaves_everything_open() {
+async fn an_unplugged_chip_is_a_lost_link_with_everything_open() {
     let (chip, mut board) = board();
     board
         .move_relays(&[close(&[101, 202, 303, 404])])
         .await
         .unwrap();
     chip.unplug(Some("no such device"));
-    let fault = board.move_relays(&[open(&[101])]).await.unwrap_err();
-    assert!(fault.to_string().contains("no such device"), "{fault}");
+    let all = gpio_mux::wiring(26).unwrap().relays();
+    for fault in [
+        board.move_relays(&[open(&[101])]).await.unwrap_err(),
+        board.closed(&all).await.unwrap_err(),
+        board.open_verified(&all).await.unwrap_err(),
+        board.all_off().unwrap_err(),
+        GpioBoard::new(chip.clone(), 26, Duration::ZERO).unwrap_err(),
+    ] {
+        assert!(
+            matches!(&fault, RigError::Link(LinkError::Lost { .. })),
+            "a session is suspended and reconnects: {fault}"
+        );
+        assert_eq!(fault.instrument(), Some("GPIO board on the chip in memory"));
+        let text = survey::error_chain(&fault);
+        assert!(text.contains("no such device"), "{text}");
+    }
     chip.unplug(None);
     assert_eq!(board.state().unwrap().on(Pole::IPlus), None);
 }
