@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use survey::{Relay, Wiring};
+use survey::{Dipole, Relay, Wiring};
 use tokio::time::Instant;
 
 use crate::found_relay::{FoundRelay, name_relays};
@@ -187,13 +187,13 @@ pub(crate) async fn open_checked<W: Switch>(
 }
 
 fn found(relay: Relay, wiring: &Wiring) -> FoundRelay {
-    FoundRelay {
-        relay,
-        pairs: wiring
-            .inject
-            .iter()
-            .filter(|(_, relays)| relays.contains(&relay))
-            .map(|(pair, _)| *pair)
-            .collect(),
-    }
+    let of = |pairs: &[(Dipole, Vec<Relay>)]| -> Vec<Dipole> {
+        let with = pairs.iter().filter(|(_, relays)| relays.contains(&relay));
+        with.map(|(pair, _)| *pair).collect()
+    };
+    let pairs = match of(&wiring.inject) {
+        used if used.is_empty() => of(&wiring.unused_inject),
+        used => used,
+    };
+    FoundRelay { relay, pairs }
 }

@@ -4,7 +4,10 @@ mod stand_in;
 
 use std::time::Duration;
 
-use rig::{EndReason, MeterSettings, RigError, Stop, SystemClock, acquire, safe_off};
+use rig::{
+    EndReason, MeterSettings, RigError, StartError, Stop, SystemClock, acquire, check_at_start,
+    safe_off,
+};
 use stand_in::{Fault, Part, StandIn, wirings};
 use survey::{Amps, Plan, Protocol, Relay, Volts};
 use tokio::time::Instant;
@@ -137,4 +140,24 @@ async fn whatever_fails_the_source_is_off_in_time() {
         failed += 1;
     }
     assert!(failed > 20, "only {failed} calls of a frame failed");
+}
+
+#[tokio::test]
+async fn relays_left_out_of_a_half_frame_are_checked_and_opened() {
+    let half = survey::half(survey::sheffield(8)).collect();
+    let wiring = wirings::board(8).joining(&Protocol::new(8, half).unwrap());
+    // the last electrode is not driven from its plus pole, the first not measured from it
+    let left_out = [Relay(108), Relay(301)];
+    let pairs = wiring.inject.iter().chain(&wiring.measure);
+    let mut in_a_frame = pairs.flat_map(|(_, relays)| relays);
+    assert!(in_a_frame.all(|relay| !left_out.contains(relay)));
+    let stand_in = StandIn::new(&wiring);
+    stand_in.close(left_out);
+    let rig = stand_in.rig();
+    let refused = check_at_start(&rig, &wiring).await.unwrap_err();
+    assert!(matches!(refused, StartError::Closed(_)), "{refused:?}");
+    let text = refused.to_string();
+    assert!(text.contains("108 (electrodes 1 and 8)"), "{text}");
+    safe_off(&rig, &wiring).await.unwrap();
+    stand_in.assert_safe();
 }

@@ -57,6 +57,13 @@ pub struct Wiring {
     pub measure: Vec<(Dipole, Vec<Relay>)>,
     /// Relays closed once before the first reading (a matrix row to the voltmeter's bus) and opened at the end.
     pub bus: Vec<Relay>,
+    /// Pairs of the switch with a relay to the source that no pair of the protocol uses: a half frame never drives some
+    /// electrodes. No step closes such a relay, but it is checked and opened with the others.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unused_inject: Vec<(Dipole, Vec<Relay>)>,
+    /// The same for relays to the voltmeter.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unused_measure: Vec<(Dipole, Vec<Relay>)>,
 }
 
 impl Wiring {
@@ -71,7 +78,8 @@ impl Wiring {
     }
 
     /// The same wiring with the pairs of a protocol, if each electrode has its own relays: two for each pair, the first
-    /// to its plus, the second to its minus electrode. A wiring of fixed pairs is unchanged.
+    /// to its plus, the second to its minus electrode. Relays that are then in no pair are kept as unused. A wiring of
+    /// fixed pairs is unchanged.
     #[must_use]
     pub fn joining(mut self, protocol: &crate::Protocol) -> Self {
         let measurements = protocol.measurements();
@@ -83,7 +91,10 @@ impl Wiring {
             }
         }
         senses.sort_unstable();
-        for (pairs, wanted) in [(&mut self.inject, drives), (&mut self.measure, senses)] {
+        for (pairs, unused, wanted) in [
+            (&mut self.inject, &mut self.unused_inject, drives),
+            (&mut self.measure, &mut self.unused_measure, senses),
+        ] {
             if !pairs.iter().all(|(_, relays)| relays.len() == 2) {
                 continue;
             }
@@ -100,7 +111,9 @@ impl Wiring {
                 .map(|pair| Some((pair, vec![*plus.get(&pair.plus)?, *minus.get(&pair.minus)?])))
                 .collect();
             if let Some(joined) = joined {
-                *pairs = joined;
+                unused.extend(std::mem::replace(pairs, joined));
+                let used = distinct(pairs.iter().flat_map(|(_, relays)| relays));
+                unused.retain(|(_, relays)| relays.iter().any(|relay| !used.contains(relay)));
             }
         }
         self
@@ -173,20 +186,23 @@ impl Wiring {
         find(&self.measure, pair)
     }
 
-    /// Every relay that carries the source's current, each once, ascending: all must be open before it is first on.
+    /// Every relay that can carry the source's current, in the order of the pairs, each once, those of unused pairs last:
+    /// all must be open before it is first on.
     pub fn injecting_relays(&self) -> Vec<Relay> {
-        distinct(self.inject.iter().flat_map(|(_, relays)| relays))
+        let pairs = self.inject.iter().chain(&self.unused_inject);
+        distinct(pairs.flat_map(|(_, relays)| relays))
     }
 
-    /// Every relay that leads to the voltmeter, in the order of the pairs, each once.
+    /// Every relay that leads to the voltmeter in a frame, in the order of the pairs, each once.
     pub fn measuring_relays(&self) -> Vec<Relay> {
         distinct(self.measure.iter().flat_map(|(_, relays)| relays))
     }
 
-    /// Every relay, those that carry the source's current first.
+    /// Every relay, those that can carry the source's current first, unused ones included.
     pub fn relays(&self) -> Vec<Relay> {
         let mut relays = self.injecting_relays();
-        relays.extend(self.measuring_relays());
+        let measure = self.measure.iter().chain(&self.unused_measure);
+        relays.extend(distinct(measure.flat_map(|(_, relays)| relays)));
         relays.extend(&self.bus);
         relays
     }
@@ -219,7 +235,7 @@ fn distinct<'a>(relays: impl Iterator<Item = &'a Relay>) -> Vec<Relay> {
 
 #[cfg(test)]
 mod tests {
-    use super::examples::pairs;
+    use super::examples::{board, pairs};
     use super::*;
 
     #[test]
@@ -231,5 +247,27 @@ mod tests {
         wiring.inject[1].1 = vec![Relay(1003)];
         let refusal = wiring.check().unwrap_err();
         assert!(refusal.to_string().contains("relay 1003"), "{refusal}");
+    }
+    #[test]
+    fn relays_that_a_half_frame_leaves_out_are_kept() {
+        let sorted = |mut relays: Vec<Relay>| {
+            relays.sort_unstable();
+            relays
+        };
+        let whole = board(8);
+        let half = crate::half(crate::sheffield(8)).collect();
+        let half = whole
+            .clone()
+            .joining(&crate::Protocol::new(8, half).unwrap());
+        assert!(half.inject.len() < 8 && half.measure.len() < 8);
+        assert_eq!(sorted(half.relays()), sorted(whole.relays()));
+        assert_eq!(
+            sorted(half.injecting_relays()),
+            sorted(whole.injecting_relays())
+        );
+        assert_eq!(half.purpose(Relay(108)), "joins electrode 8 to the source");
+        assert!(half.measuring_relays().len() < whole.measuring_relays().len());
+        let again = half.joining(&crate::Protocol::sheffield(8).unwrap());
+        assert_eq!(sorted(again.relays()), sorted(whole.relays()));
     }
 }

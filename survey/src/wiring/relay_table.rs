@@ -48,6 +48,8 @@ impl Wiring {
             inject: pairs(table.inject),
             measure: pairs(table.measure),
             bus: table.bus,
+            unused_inject: Vec::new(),
+            unused_measure: Vec::new(),
         };
         wiring.check()?;
         Ok(wiring)
@@ -67,6 +69,8 @@ impl Wiring {
         };
         of(&self.inject, "the source")
             .or_else(|| of(&self.measure, "the voltmeter"))
+            .or_else(|| of(&self.unused_inject, "the source"))
+            .or_else(|| of(&self.unused_measure, "the voltmeter"))
             .unwrap_or_else(|| match self.bus.contains(&relay) {
                 true => "joins the voltmeter to its bus".to_owned(),
                 false => "is not part of this wiring".to_owned(),
