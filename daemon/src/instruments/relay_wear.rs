@@ -31,7 +31,7 @@ fn rated(model: Model) -> Option<u64> {
     }
 }
 
-/// Projects one relay: `closures` of it in a frame that comes every `period`; `life` overrides the rating.
+/// Projects one relay: `closures` of it for a frame that comes every `period`; `life` overrides the rating.
 pub(crate) fn wear(
     relay: Relay,
     purpose: String,

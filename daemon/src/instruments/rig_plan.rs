@@ -39,16 +39,29 @@ impl RigPlan {
         settings
     }
 
-    /// Closures of each relay of the wiring in a frame; for relays that a scan closes, of the channels, in each of the scans
-    /// that are averaged.
+    /// How often the steps run for a frame, on average: those of a zero-current frame are the same, and it serves
+    /// `zero_every` frames.
+    fn runs_per_frame(&self) -> f64 {
+        1.0 + self.zero_every.map_or(0.0, |every| 1.0 / every as f64)
+    }
+
+    /// Mean time of a frame without a pause, with its share of a zero-current frame.
+    pub(crate) fn mean_duration(&self) -> Duration {
+        let frame = self.plan.duration(&self.timing);
+        survey::duration(frame.as_secs_f64() * self.runs_per_frame())
+    }
+
+    /// Closures of each relay of the wiring for a frame, with its share of a zero-current frame; for relays that a scan
+    /// closes, of the channels, in each of the scans that are averaged.
     pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
         let wiring = &self.plan.wiring;
         let relays = wiring.relays().into_iter();
         let mut closures: Vec<(Relay, f64)> = relays.map(|relay| (relay, 0.0)).collect();
+        let runs = self.runs_per_frame();
         let mut count = |closed: &[Relay], times: u32| {
             for (relay, closures) in &mut closures {
                 if closed.contains(relay) {
-                    *closures += f64::from(times);
+                    *closures += runs * f64::from(times);
                 }
             }
         };

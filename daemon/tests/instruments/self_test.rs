@@ -316,6 +316,32 @@ async fn closures_are_counted_and_projected() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn zero_current_frames_count_in_the_life_of_relays() {
+    let config = SMALL.replace("[survey]\n", "[survey]\nzero_every = 2\n")
+        + "[relay_wear]\nrelay_life_cycles = 1000\n[schedule]\nevery_s = EVERY\n";
+    for every_s in [0, 60] {
+        let stage = Stage::new(&config.replace("EVERY", &format!("{every_s}.0")));
+        let daemon = stage.start().await;
+        daemon.baseline(4).await;
+        let relays = within(daemon.manager.relays(&Options::new()))
+            .await
+            .unwrap();
+        let wear = relays.iter().find(|wear| wear.relay == 1036).unwrap();
+        // a zero-current frame before the first and before the third
+        assert_eq!(wear.cycles, 6);
+        // three closures for two frames
+        let left = 994.0 / 1.5;
+        let frame = daemon.manager.plan().await.unwrap().duration_s;
+        let period = f64::from(every_s).max(1.5 * frame);
+        assert!(
+            (wear.left_s / (left * period) - 1.0).abs() < 1e-6,
+            "{} s, {period} s a frame",
+            wear.left_s
+        );
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn reading_relay_counters_ends_no_fault() {
     let (rig, _server, config) = on_tcp().await;
     rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1040)");

@@ -317,8 +317,8 @@ impl Controller {
         };
         let counts = counts.map_err(|error| lost(&chain(&error)))?;
         let life = self.runtime().setup.config.relay_wear.relay_life_cycles;
-        let frame = plan.plan.duration(&plan.timing);
-        let period = frame
+        let period = plan
+            .mean_duration()
             .max(self.runtime().setup.schedule.every)
             .max(Duration::from_micros(1));
         let each = closures.into_iter().zip(counts);
