@@ -286,20 +286,18 @@ impl ReconstructionWorker {
         }
     }
 
-    /// Waits for the late map as long as for the map of a record.
-    pub(crate) fn last(&mut self) -> Option<TimedOutcome> {
-        if !self.under_way {
-            return None;
-        }
-        let made = self.answers.recv_timeout(MAP_TIMEOUT).ok()?;
-        Some(self.arrived(made))
-    }
-
-    /// Ends the thread, and waits until it has kept the tracked baseline and the last quantities: as long as for a map.
-    pub(crate) fn finish(&mut self) {
+    /// Ends the thread, and waits until it has kept the tracked baseline and the last quantities, twice as long as for a map at most.
+    /// Returns the late map, if it was made by then.
+    pub(crate) fn finish(&mut self) -> Option<TimedOutcome> {
         self.ask = None;
-        // nothing is sent any more: this ends when the thread does
-        let _ = self.answers.recv_timeout(MAP_TIMEOUT);
+        let until = Instant::now() + 2 * MAP_TIMEOUT;
+        let left = || until.saturating_duration_since(Instant::now());
+        let mut last = None;
+        // fails when the thread has ended, or time is over
+        while let Ok(made) = self.answers.recv_timeout(left()) {
+            last = Some(self.arrived(made));
+        }
+        last
     }
 
     fn arrived(&mut self, made: TimedOutcome) -> TimedOutcome {

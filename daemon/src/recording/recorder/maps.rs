@@ -78,12 +78,17 @@ impl Recorder {
 
     /// Writes a late map, if it is ready.
     pub(super) fn late_map(&mut self) -> Result<(), LogbookError> {
+        match self.late_outcome() {
+            Some(made) => self.arrived(made),
+            None => Ok(()),
+        }
+    }
+
+    /// A late map, if it is ready.
+    pub(super) fn late_outcome(&mut self) -> Option<TimedOutcome> {
         match &mut self.task {
-            Task::Maps { worker, .. } => match worker.late() {
-                Some(made) => self.arrived(made),
-                None => Ok(()),
-            },
-            Task::Baseline { .. } => Ok(()),
+            Task::Maps { worker, .. } => worker.late(),
+            Task::Baseline { .. } => None,
         }
     }
 
@@ -111,8 +116,7 @@ impl Recorder {
         let Task::Maps { worker, .. } = &mut self.task else {
             return Ok(());
         };
-        let last = worker.last();
-        worker.finish();
+        let last = worker.finish();
         last.map_or(Ok(()), |made| self.arrived(made))
     }
 

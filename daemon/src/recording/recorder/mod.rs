@@ -169,7 +169,16 @@ impl Recorder {
         let mut sequence = self.logbook.acknowledged();
         for mut frame in frames {
             left -= 1;
-            self.late_map()?;
+            match late.and_then(|index: usize| taken.get_mut(index)) {
+                // it is not written yet
+                Some(awaits) => {
+                    if let Some(made) = self.late_outcome() {
+                        late = None;
+                        self.made(made, awaits)?;
+                    }
+                }
+                None => self.late_map()?,
+            }
             sequence += 1;
             frame.sequence = sequence;
             let mut published = Published::new(self.checks.of(&frame), frame);

@@ -314,6 +314,38 @@ fn late_map_follows_its_frame_and_later_frames_have_none() {
 }
 
 #[test]
+fn late_map_is_of_its_frame_among_frames_written_together() {
+    let (scene, recorder, queue, tell) = Scene::new();
+    let (go, gate) = sync::channel();
+    tell.send(Do::MapAfter(gate)).unwrap();
+    let many = BUSY_QUEUE as u64 + 2;
+    for number in 1..=many {
+        scene.frame(number);
+        tell.send(Do::Map).unwrap();
+    }
+    // the event that the second frame has no map waits for this lock, and the third frame for the event
+    let lock = rusqlite::Connection::open(scene.status.path()).unwrap();
+    lock.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.status.held(), |held| *held);
+    go.send(()).unwrap();
+    // the map of the first frame is announced in the queue, from which all frames were taken
+    while scene.orders.capacity() == QUEUE {
+        std::thread::yield_now();
+    }
+    lock.execute_batch("ROLLBACK").unwrap();
+    until(scene.status.follow_durable(), |durable| *durable == many);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (maps, _) = scene.recorded();
+    let missing: Vec<usize> = (1..)
+        .zip(&maps)
+        .filter_map(|(number, map)| (!map).then_some(number))
+        .collect();
+    assert_eq!(missing, [2]);
+}
+
+#[test]
 fn full_disk_is_announced_and_waited_for_without_loss() {
     let (scene, recorder, queue, tell) = Scene::new();
     for _ in 0..3 {
