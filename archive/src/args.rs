@@ -32,22 +32,22 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     #[command(flatten)]
     Task(Task),
-    /// Take everything to the archive that it lacks, again and again; publish live topics where the configuration has [mqtt]
+    /// Archive everything that is not archived yet, periodically; publish live topics if the configuration has [mqtt]
     Run,
-    /// Create the tables of the catalogue, or bring them to this version (as the owner of the database)
+    /// Create the tables of the catalogue, or update them to this version (as the owner of the database)
     Migrate,
-    /// Give a site to a role of PostgreSQL, which may then add and see its rows (as the owner of the database)
+    /// Assign a site to a role of PostgreSQL, so that the role can add and read its rows (as the owner of the database)
     AddSite(AddSite),
 }
 
 /// What `tactus archive` does too.
 #[derive(Debug, Subcommand)]
 pub enum Task {
-    /// Take everything to the archive that it lacks, once
+    /// Archive everything that is not archived yet, once
     Push,
     /// Compare the record of this machine with the catalogue
     Status,
-    /// Get the parts of a session out of the archive, each verified by its hash
+    /// Copy the parts of a session from the archive, each verified by its hash
     Pull(Pull),
     /// Read every part in the store and compare it with the catalogue
     Verify(Filter),

@@ -122,7 +122,7 @@ pub enum Command {
     Web(Web),
     /// List recorded sessions, from the running daemon's directory and the usual ones; check, repair, prune them
     Sessions(Sessions),
-    /// Take closed sessions to the archive, or get them back; the same as `tactus-archive`
+    /// Archive closed sessions, or get them back; the same as `tactus-archive`
     #[cfg(feature = "archive")]
     Archive {
         #[command(subcommand)]
@@ -146,7 +146,7 @@ pub enum Command {
     Doctor(Doctor),
     /// Write a session's frames (csv, nc, mat, parquet), one frame's map (png, svg, raster) or a film (apng)
     Export(Export),
-    /// Write what happened in a session as one HTML page for reading and printing: worst moments, curves, alarms, gaps, health
+    /// Write a report of a session as one HTML page for reading and printing: worst moments, curves, alarms, gaps, health
     Report(Box<Report>),
     /// Reconstruct a recording offline: a case folder, or a session
     Replay(Box<Replay>),

@@ -92,7 +92,7 @@ pub struct Verify {
 pub struct Repair {
     /// Session: an id, the beginning of one, `last`, or a session file
     pub session: String,
-    /// The new file, NAME.tactus (default: SESSION_repaired.tactus beside the old one)
+    /// The new file, NAME.tactus (default: SESSION_repaired.tactus next to the old one)
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
 }
@@ -199,7 +199,7 @@ impl MapOptions {
 pub struct RecordingSource {
     /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id, the beginning of one, or `last`
     pub source: String,
-    /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder first, then in the current
+    /// Frames of a case folder, a row (or column) a frame; a bare name is searched in the folder first, then in the current
     /// directory [default: frames.csv in the folder]
     #[arg(long, value_name = "FILE")]
     pub frames: Option<PathBuf>,
@@ -232,8 +232,8 @@ pub struct Replay {
     /// At most N of these frames [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// Write the maps as CSV, a row a frame, a column a triangle of the region: relative changes of conductance, losses negative.
-    /// Beside it times and places as NAME.frames.csv, centroids and areas as NAME.triangles.csv
+    /// Write the maps as CSV, a row per frame, a column per triangle of the region: relative changes of conductance, losses negative.
+    /// NAME.frames.csv next to it has times and positions, NAME.triangles.csv centroids and areas
     #[arg(long, value_name = "FILE")]
     pub out: Option<OutPath>,
     /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan for triangles that the frame
@@ -289,7 +289,7 @@ pub struct Quantities {
     /// Print each frame instead, with standard deviations
     #[arg(long, conflicts_with = "every")]
     pub each_frame: bool,
-    /// Compute everything from the frames, also where the session has stored a row for each minute
+    /// Compute everything from the frames, even if the session has stored a row for each minute
     #[arg(long)]
     pub recompute: bool,
     /// Print CSV with a heading: one line for each span (or frame), region and quantity

@@ -138,8 +138,8 @@ pub struct Watch {
     /// Print one line per frame or injection, without a map
     #[arg(long)]
     pub no_map: bool,
-    /// Also the standard deviation of each triangle's change of ln conductance, once a second at most, where the daemon tracks the
-    /// baseline: in words, or with --json each value, null for triangles that the frame does not determine
+    /// Also print the standard deviation of each triangle's change of ln conductance, at most once a second, if the daemon tracks
+    /// the baseline: a summary, or with --json each value, null for triangles that the frame does not determine
     #[arg(long, conflicts_with = "fast")]
     pub sd: bool,
 }

@@ -11,7 +11,7 @@ use super::Replacing;
 #[derive(Debug, Args)]
 pub(crate) struct CalibrateOptions {
     /// Case folder, with frames.csv (the baseline first, unless it has baseline.csv) and presses.csv in it; or a MAT-file of EIDORS,
-    /// as for `reconstruct`, with presses.csv beside it
+    /// as for `reconstruct`, with presses.csv next to it
     #[arg(long, value_name = "DIR|FILE.mat")]
     pub(crate) case: PathBuf,
     /// Frames [default: frames.csv in the case folder]

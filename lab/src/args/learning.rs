@@ -111,7 +111,7 @@ pub(crate) struct DataOptions {
     /// Noise of one reading for the profiles `matched` and `months`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn [default: 2e-6]
     #[arg(long, value_name = "SD", value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
-    /// Allow training for more than 1 mV of noise, and write a model that has learnt nothing
+    /// Allow training for more than 1 mV of noise, and write a model even if it is no better than empty maps
     #[arg(long)]
     pub(crate) yes: bool,
     /// Frames of the unloaded sheet: the profile `matched` uses their covariance instead of --noise-v

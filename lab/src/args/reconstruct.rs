@@ -33,8 +33,8 @@ pub(crate) struct ReconstructOptions {
     /// Negate all readings, for an instrument that returns magnitudes
     #[arg(long)]
     pub(crate) negate: bool,
-    /// Maps: a row for each frame of the file, a column a triangle of the region, without a header; what the rows and columns are
-    /// is written beside it as NAME.frames.csv and NAME.triangles.csv
+    /// File for the maps: a row per frame of the file, a column per triangle of the region, without a header; NAME.frames.csv and
+    /// NAME.triangles.csv next to it describe the rows and columns
     #[arg(long, value_name = "FILE")]
     pub(crate) out: OutPath,
     #[command(flatten)]

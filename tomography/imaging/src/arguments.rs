@@ -45,7 +45,7 @@ pub struct MethodArguments {
     /// Total variation: stop within this share of the minimum [default: what the session used, else 1e-3]
     #[arg(long, value_name = "X", conflicts_with = "model", value_parser = share, allow_hyphen_values = true)]
     pub gap: Option<f64>,
-    /// Bound the map to losses, -1 <= x <= 0: one-step and tv find the best map within the bounds, maps of a model are cut
+    /// Bound the map to losses, -1 <= x <= 0: one-step and tv find the best map within the bounds, maps of a model are clipped
     #[arg(long)]
     pub loss_only: bool,
     /// One-step, tv and best: which conductances are unknown [default: what the session used, else sheet]

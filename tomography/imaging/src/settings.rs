@@ -13,7 +13,7 @@ pub enum Method {
     /// One-step difference reconstruction
     #[default]
     OneStep,
-    /// The best of the methods for the frames and their noise; says what it chose and why
+    /// Chooses the best method for each frame and its noise; the map states which, and why
     Best,
     /// Total variation, to a stated gap
     Tv,
@@ -85,7 +85,7 @@ impl HyperChoice {
 #[cfg_attr(feature = "arguments", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Unknowns {
-    /// Those of the whole sheet: a load outside of the region is not taken for one inside
+    /// Those of the whole sheet: a load outside of the region is not mapped into it
     Sheet,
     /// Those of the region; the sheet outside of it is taken to be as it was at the baseline
     Region,

@@ -35,7 +35,7 @@ pub(crate) struct MonthsOptions {
     /// Scenes that are tracked (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "SCENE")]
     pub(crate) scene: Vec<LongScene>,
-    /// Judge loads that lie for days or come slowly too, with a load in each of N nights, number of days; 0 for none
+    /// Also evaluate loads that stay for days or increase slowly, with a load in each of N nights: number of days; 0 for none
     #[arg(long, value_name = "N", default_value_t = 0.0, value_parser = crate::args::numbers::days)]
     pub(crate) load_days: f64,
     /// One sheet with one press, and two days, or less of each: a short run

@@ -10,7 +10,7 @@ use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct PaperOptions {
-    /// Small networks and few frames, about a minute: tests that everything runs; the results mean little [default]
+    /// Small networks and few frames, about a minute: a test that everything runs; the results are not accurate [default]
     #[arg(long, conflicts_with = "full")]
     pub(crate) quick: bool,
     /// The paper's sizes: 75,000 cases, 30 epochs; takes hours, an interrupted run is continued

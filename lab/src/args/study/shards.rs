@@ -33,7 +33,7 @@ pub(crate) struct StudyShards {
     /// Print the numbers of the N shards that are not complete, in the form of `sbatch --array` [default: compute]
     #[arg(long, value_name = "N", value_parser = parse_count, requires = "parts")]
     missing: Option<usize>,
-    /// Make the ordinary result of the N complete shards in the folder of --parts [default: compute]
+    /// Merge the N complete shards in the folder of --parts to the result of an undivided run [default: compute]
     #[arg(long, value_name = "N", value_parser = parse_count, requires = "parts")]
     merge: Option<usize>,
     /// Folder of the shards

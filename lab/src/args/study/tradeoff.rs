@@ -11,7 +11,7 @@ use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct TradeoffOptions {
-    /// Small meshes and few frames: tests that everything runs; the results mean little [default]
+    /// Small meshes and few frames: a test that everything runs; the results are not accurate [default]
     #[arg(long, conflicts_with = "full")]
     pub(crate) quick: bool,
     /// The sizes of the kept results; takes tens of minutes, an interrupted run is continued
@@ -44,7 +44,7 @@ pub(crate) struct AdviseOptions {
     #[arg(long, value_name = "S")]
     pub(crate) max_seconds: f64,
     /// The configuration to start from: its electrodes and module are kept, and its current is not exceeded [default: config.toml
-    /// here, else /etc/tactus/config.toml, where there is one]
+    /// in the current directory, else /etc/tactus/config.toml, if it exists]
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
     /// Only settings with this number of electrodes [default: the configuration's]

@@ -22,30 +22,30 @@ pub(crate) static GRAMMAR: LazyLock<String> = LazyLock::new(|| {
     let numbers = numbers.join("|");
     format!(
         "\
-wire INSTRUMENT cut|silent|sound    connections are closed, or stay open and carry nothing
-drop INSTRUMENT                     its connections break once, new ones are taken
-late INSTRUMENT SECONDS [COUNT]     the next replies come so much later
-lost INSTRUMENT [COUNT]             the next replies never come
-doubled INSTRUMENT [COUNT]          the next replies come twice
-half-line INSTRUMENT [COUNT]        the next replies break off in the middle
-rubbish INSTRUMENT [COUNT]          the next replies are a line without meaning, with bytes that are not ASCII
+wire INSTRUMENT cut|silent|sound    cut: connections are closed; silent: they stay open and carry no data; sound: normal
+drop INSTRUMENT                     its connections break once; new connections are accepted
+late INSTRUMENT SECONDS [COUNT]     the next replies are delayed by this time
+lost INSTRUMENT [COUNT]             the next replies are not sent
+doubled INSTRUMENT [COUNT]          the next replies are sent twice
+half-line INSTRUMENT [COUNT]        only the first half of the next replies is sent
+rubbish INSTRUMENT [COUNT]          the next replies are an invalid line with bytes that are not ASCII
 {:<36}the next replies with readings have the text NAN in their place
-{:<36}the next replies with readings repeat those of the reply before
-slow INSTRUMENT SECONDS             every answer takes so much longer; 0 ends it
-reset INSTRUMENT                    power off and on; the board says its banner again
+{:<36}the next replies with readings repeat the readings of the previous reply
+slow INSTRUMENT SECONDS             every reply takes longer by this time; 0 ends it
+reset INSTRUMENT                    power off and on; the board sends its banner again
 power-cut                           power off and on of all instruments at once; their network connections break
-queue-overflow INSTRUMENT           its error queue is full and more
+queue-overflow INSTRUMENT           its error queue overflows
 stuck-open RELAY                    reads closed when it is commanded to close, and stays open
 stuck-closed RELAY                  reads open when it is commanded to open, and stays closed
-free RELAY                          not stuck any more
-slot N empty|filled|MODULE          the module is out of its slot, back in it, or another one is there (with a power cycle)
+free RELAY                          the relay is no longer stuck
+slot N empty|filled|MODULE          the module is removed, inserted again, or replaced by another one (with a power cycle)
 voltmeter missing|present           the mainframe has no internal voltmeter (with a power cycle)
-overload on|off                     whatever is measured is over range
-interlock open|closed               of the 6221
-terminal-block N open|shut          of the module in slot N
-pulse 6221 LINE                     on line 1 to 6 of its trigger link
-pulse 34980a                        at its external trigger
-serial unplug|plug                  the board's port is gone, or back
+overload on|off                     every reading is over range
+interlock open|closed               the interlock of the 6221
+terminal-block N open|shut          the terminal block of the module in slot N
+pulse 6221 LINE                     a pulse on line 1 to 6 of its trigger link
+pulse 34980a                        a pulse at its external trigger
+serial unplug|plug                  the board's port is removed, or back
 none                                ends every fault
 INSTRUMENT is {}; RELAY is 1003, or on a board pole x 100 + electrode;
 MODULE is 34922A, or with its terminal block 34934A,4x128; a reading is a number with an exponent.",

@@ -24,7 +24,7 @@ pub struct MethodOptions {
     /// Unloaded conductance: a name in the case or a file [default: homog if there is one, else fitted to the baseline]
     #[arg(long, value_name = "NAME|FILE")]
     sigma0: Option<String>,
-    /// Simulated cases where a network is trained for the case [default: 15000]
+    /// Number of simulated cases, if a network is trained for the case [default: 15000]
     #[arg(long, value_name = "N", value_parser = training_cases)]
     cases: Option<usize>,
 }

@@ -56,15 +56,15 @@ pub enum LongScene {
     MonthDetachment,
     /// The same with a contact that is lost at once on day 20
     MonthOpen,
-    /// Faster and larger drift on a sprayed sheet with misplaced electrodes and a crack; the tracker is not told
+    /// Faster and larger drift on a sprayed sheet with misplaced electrodes and a crack, none of it known to the tracker
     HoldOut,
     /// The drift of the scene bedside-night, with creep; a load every night
     Bedside,
-    /// Contacts of a spread of 50 % that drift by 30 % within a day; the tracker is not told
+    /// Contacts of a spread of 50 % that drift by 30 % within a day, not known to the tracker
     HoldOutContacts,
-    /// A sheet sprayed unevenly by 15 % with misplaced electrodes, whose load sets by 2 % per decade; the tracker is not told
+    /// A sheet sprayed unevenly by 15 % with misplaced electrodes, whose load sets by 2 % per decade, none of it known to the tracker
     HoldOutSpray,
-    /// Noise of the readings and nothing else: what no tracking does better
+    /// Noise of the readings and nothing else: the limit of any tracking
     Noise,
 }
 

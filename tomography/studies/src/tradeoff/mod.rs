@@ -37,13 +37,13 @@ pub enum PanelName {
     Solver,
     /// Methods that make maps
     Reconstruction,
-    /// How the sheet is measured: millimetres against seconds
+    /// Measuring settings: location error against the time of a frame
     Acquisition,
     /// Width and number format of a deep network
     Precision,
     /// Cases and epochs of a training
     Training,
-    /// Stated against found coverage
+    /// Stated probability of regions against the share that contains the truth
     Uncertainty,
     /// Errors over months without tracking, by projection, by evidence, and tracked
     Months,
