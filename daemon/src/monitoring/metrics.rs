@@ -182,7 +182,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_dropped_frames",
-        "Frames that missed their time, or that the disk refused",
+        "Frames that were late, or that the disk did not accept",
         Values::Count(|at| at.health.counts.dropped),
     ),
     Metric::new(
