@@ -341,7 +341,7 @@ async fn clean_index(directory: std::path::PathBuf) -> Result<Records, String> {
     };
     if !clean_index.removed.is_empty() {
         tracing::warn!(
-            "removed, because their writer was killed before anything was in them: {}",
+            "removed, because their writer was killed before it wrote anything: {}",
             names(&clean_index.removed)
         );
     }

@@ -31,9 +31,9 @@ fn configuration() -> Roff {
         .text([
             roman("Relative paths are relative to the folder of the file. "),
             bold("tactusd --check"),
-            roman(" says every problem as file:line:column; "),
+            roman(" reports every problem as file:line:column; "),
             bold("systemctl reload tactusd"),
-            roman(" takes a changed file, or refuses it and goes on as before. This is a complete example:"),
+            roman(" loads a changed file; if it is invalid, nothing changes. This is a complete example:"),
         ])
         .control("nf", []);
     for line in EXAMPLE.lines() {

@@ -62,9 +62,9 @@ pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
         failed, dropped, ..
     } = health.gaps;
     lines.push(match &health.gaps.last {
-        None => format!("gaps       {failed} frames failed, {dropped} missed their time"),
+        None => format!("gaps       {failed} frames failed, {dropped} dropped"),
         Some(gap) => format!(
-            "gaps       {failed} frames failed, {dropped} missed their time; the last {}: {}",
+            "gaps       {failed} frames failed, {dropped} dropped; the last {}: {}",
             local(DateTime::from_timestamp_nanos(gap.at_ns)),
             gap.text
         ),
@@ -176,7 +176,7 @@ mod tests {
         let text = for_a_person(&health).join("\n");
         for wanted in [
             "last frame 17 of m1, 1.5 min ago; 2 wait for the disk",
-            "gaps       3 frames failed, 4 missed their time; the last ",
+            "gaps       3 frames failed, 4 dropped; the last ",
             "frame 9 failed: late",
             "rig        source ready, switch+voltmeter cannot be used (the verdict says why)",
             "disk       3 days left (12.3 GB free, 4100.0 MB a day)",

@@ -68,7 +68,7 @@ fn is_wire(error: &RigError) -> bool {
 fn safety(error: &AcquireError) -> String {
     let after = error.off_after().map_or_else(String::new, |after| {
         format!(
-            " {:.1} ms after that was noticed",
+            " {:.1} ms after its detection",
             after.as_secs_f64() * 1e3
         )
     });

@@ -60,7 +60,7 @@ pub(crate) struct ExpectedIdentities {
 /// Why the expected instruments cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum IdentitiesError {
-    #[error("{} cannot be {attempt}; it says which instruments this rig has", .path.display())]
+    #[error("{} cannot be {attempt}; it lists the instruments of this rig", .path.display())]
     Io {
         path: PathBuf,
         attempt: &'static str,
@@ -68,7 +68,7 @@ pub(crate) enum IdentitiesError {
         source: std::io::Error,
     },
     #[error(
-        "{} is damaged: compare the instruments' serial numbers by hand, and remove it to take those that are there",
+        "{} is damaged: compare the instruments' serial numbers by hand, and remove it to accept those that are connected",
         .path.display()
     )]
     Damaged {

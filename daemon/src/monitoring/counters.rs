@@ -110,8 +110,8 @@ impl Counters {
         }
         self.dropped.fetch_add(frames, Ordering::Relaxed);
         let text = match frames {
-            1 => "a frame missed its time, or the disk refused it".to_owned(),
-            more => format!("{more} frames missed their time, or the disk refused them"),
+            1 => "a frame was late, or the disk did not accept it".to_owned(),
+            more => format!("{more} frames were late, or the disk did not accept them"),
         };
         self.gap(self.clock.wall(), &text);
     }

@@ -45,7 +45,7 @@ impl DailySummary {
     pub(crate) fn summary(&mut self, now: DateTime<Utc>, day_end: &DayEnd) -> String {
         let counts = day_end.counts;
         let mut text = format!(
-            "{} UTC: {} frames, {} failed, {} missed their time",
+            "{} UTC: {} frames, {} failed, {} dropped",
             self.day,
             counts.durable.saturating_sub(self.counts.durable),
             counts.failed.saturating_sub(self.counts.failed),
@@ -160,7 +160,7 @@ mod tests {
         assert_eq!(lines.len(), 3, "{lines:#?}");
         assert_eq!(
             lines[0],
-            "2026-11-22 UTC: 5039 frames, 1 failed, 0 missed their time; drift since baseline +0.100 %"
+            "2026-11-22 UTC: 5039 frames, 1 failed, 0 dropped; drift since baseline +0.100 %"
         );
         assert!(
             lines[1].starts_with("2026-11-23 UTC: 9000 frames, 3 failed"),

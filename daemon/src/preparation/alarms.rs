@@ -169,10 +169,10 @@ fn limit_problem(
         Limit::Below(limit) => ("below", limit > low, limit + rule.deadband <= high),
     };
     if !possible {
-        return Some((part, format!("{name} can never be there; {values}")));
+        return Some((part, format!("{name} can never be beyond this limit; {values}")));
     }
     (!ends).then(|| {
-        let why = format!("{name} can never return so far that the alarm ends; {values}");
+        let why = format!("{name} can never return far enough for the alarm to end; {values}");
         (
             if rule.deadband > 0.0 {
                 "deadband"
@@ -253,19 +253,19 @@ mod tests {
             ),
             (
                 "name = \"a\"\nquantity = \"ppi\"\nabove = 1.0\nunit = \"lost share\"\n",
-                "9:9: alarm.0.above: ppi can never be there; its values lie between 0 and 1",
+                "9:9: alarm.0.above: ppi can never be beyond this limit; its values lie between 0 and 1",
             ),
             (
                 "name = \"a\"\nquantity = \"contact\"\nabove = 1e6\n",
-                "can never be there",
+                "can never be beyond this limit",
             ),
             (
                 "name = \"a\"\nquantity = \"contact\"\nregion = \"hip\"\nabove = 5000.0\n",
-                "can never be there",
+                "can never be beyond this limit",
             ),
             (
                 "name = \"a\"\nquantity = \"load\"\nbelow = 0.0\nunit = \"mm2 lost\"\n",
-                "can never be there; its values lie between",
+                "can never be beyond this limit; its values lie between",
             ),
             (
                 "name = \"a\"\nquantity = \"contact\"\nabove = 10.0\ndeadband = 20.0\n",

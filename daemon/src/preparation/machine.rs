@@ -46,7 +46,7 @@ impl Prepared {
         {
             found.push(format!(
                 "schedule.every_s is {every_s}, but a frame takes {frame_s:.2} s: frames will come back to back; lengthen it, or \
-                 shorten the frame (`tactusd --plan` says what takes long)"
+                 shorten the frame (`tactusd --plan` shows its parts)"
             ));
         }
         found
@@ -61,7 +61,7 @@ fn program(path: &Path) -> Option<String> {
             "notify.command: {shown}: {cause}; nobody would be notified"
         )),
         Ok(found) if !found.is_file() || found.permissions().mode() & 0o111 == 0 => Some(format!(
-            "notify.command: {shown} is no executable file; nobody would be notified (`sudo chmod 755 {shown}`)"
+            "notify.command: {shown} is not an executable file; nobody would be notified (`sudo chmod 755 {shown}`)"
         )),
         Ok(_) => None,
     }
@@ -77,7 +77,7 @@ fn no_folder(folder: &Path) -> Option<String> {
     let there = existing(folder)?;
     (!there.is_dir()).then(|| {
         format!(
-            "{} is no folder, so nothing can be recorded in {}; name another folder",
+            "{} is not a folder, so nothing can be recorded in {}; name another folder",
             there.display(),
             folder.display()
         )

@@ -172,7 +172,7 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<(Setup, Fr
     if !(config.bus.peer || config.bus.session || config.bus.system) {
         findings.add(
             "bus",
-            "nobody could reach the daemon; offer peer, session or system",
+            "no client could reach the daemon; set peer, session or system to true",
         );
     }
     let Some((geometry, protocol, frames)) = sources(&config, findings) else {
@@ -269,7 +269,7 @@ fn sources(
                 "survey.electrodes"
             },
             format!(
-                "the survey asks {} electrodes, the geometry ({}) has {}",
+                "the survey has {} electrodes, the geometry ({}) has {}",
                 protocol.electrodes(),
                 geometry.name,
                 geometry.electrodes()

@@ -13,7 +13,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     if delay.fract() != 0.0 {
         findings.add(
             "survey.channel_delay_ms",
-            format!("{delay:?} is none of the whole numbers of milliseconds"),
+            format!("{delay:?} is not a whole number of milliseconds"),
         );
     }
     if survey.zero_every.is_some() && survey.reversal {
@@ -84,7 +84,7 @@ fn of_notify(config: &Config, findings: &mut Findings<'_>) {
     {
         findings.add(
             "notify.command",
-            format!("'{program}' is no absolute path; the daemon searches no folders for it"),
+            format!("'{program}' is not an absolute path; the daemon searches no folders for it"),
         );
     }
     of_metrics(config, findings);
@@ -99,7 +99,7 @@ fn of_metrics(config: &Config, findings: &mut Findings<'_>) {
     match metrics.address() {
         None => findings.add(
             "metrics.listen",
-            format!("'{listen}' is no address and port such as 127.0.0.1:9617"),
+            format!("'{listen}' is not an address and port; write for example 127.0.0.1:9617"),
         ),
         Some(address) if !address.ip().is_loopback() && !metrics.beyond_localhost => findings.add(
             "metrics.listen",

@@ -114,8 +114,8 @@ pub(super) fn complete(
             config.model.noise_uv = noise.map(|noise| noise / gain * current_ua);
         }
         None => tracing::warn!(
-            "the baseline does not look like this geometry, so its noise says nothing; if its readings are magnitudes, \
-             set negate = true in [recording]"
+            "the baseline does not match this geometry, so its noise is not used; if its readings are magnitudes, set \
+             negate = true in [recording]"
         ),
     }
 }

@@ -79,7 +79,7 @@ pub(super) fn rig_plan(
             requested,
         }) => (
             "wiring.electrodes",
-            format!("wiring '{wiring}' has {wired} electrodes, the survey asks {requested}"),
+            format!("wiring '{wiring}' has {wired} electrodes, the survey has {requested}"),
         ),
         other => ("survey", chain(&other)),
     });
@@ -312,7 +312,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<InstrumentAddr
             Ok(InstrumentAddress::Simulated) if config.rig.kind == RigKind::Instruments => {
                 findings.add(
                     &format!("{name}.address"),
-                    "a simulated instrument in a rig of instruments; set rig.kind = \"mixed\" if that is meant",
+                    "a simulated instrument in a rig of instruments; set rig.kind = \"mixed\" if this is intended",
                 );
                 None
             }
@@ -321,14 +321,14 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<InstrumentAddr
             {
                 findings.add(
                     &format!("{name}.address"),
-                    "only the [switch] of wiring.kind = \"gpio-board\" hangs on a gpiochip",
+                    "only the [switch] of wiring.kind = \"gpio-board\" can be on a gpiochip",
                 );
                 None
             }
             Ok(InstrumentAddress::Gpiochip { .. }) if section.deadline_ms.is_some() => {
                 findings.add(
                     &format!("{name}.deadline_ms"),
-                    "the lines of a gpiochip are set at once, nothing is waited for; delete this key",
+                    "the lines of a gpiochip are set at once, without a reply; delete this key",
                 );
                 None
             }
@@ -370,7 +370,7 @@ fn one_deadline(config: &Config, findings: &mut Findings<'_>) -> Option<f64> {
         findings.add(
             "switch.deadline_ms",
             format!(
-                "{switch} here and {voltmeter} in [voltmeter], which is the same instrument; say it once"
+                "{switch} here and {voltmeter} in [voltmeter], which is the same instrument; set it once"
             ),
         );
     }

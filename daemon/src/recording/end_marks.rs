@@ -115,7 +115,7 @@ impl EndMarks {
                 ),
                 Err(absent) if absent.kind() == io::ErrorKind::NotFound => {}
                 Err(cause) => tracing::warn!(
-                    "{} cannot be read; it says which sessions have ended: {cause}",
+                    "{} cannot be read; it lists the sessions that have ended: {cause}",
                     path.display()
                 ),
             }
@@ -144,18 +144,18 @@ impl Marked {
     pub(crate) fn text(&self, session: &str) -> String {
         match (&self.durable, &self.until_restart) {
             (Some(path), _) => format!(
-                "the file of session {session} could not be closed; that it has ended is kept in {}, and the next start of \
-                 the daemon closes it",
+                "the file of session {session} could not be closed; its end is stored in {}, and the next start of the \
+                 daemon closes the file",
                 path.display()
             ),
             (None, Some(path)) => format!(
-                "the file of session {session} could not be closed; that it has ended is kept in {} only until this machine \
+                "the file of session {session} could not be closed; its end is stored in {} only until this machine \
                  restarts: make the record's directory writable and restart the daemon before that ({})",
                 path.display(),
                 self.failures.join("; ")
             ),
             (None, None) => format!(
-                "that session {session} has ended could not be written anywhere: the next start of the daemon would resume \
+                "the end of session {session} could not be stored anywhere: the next start of the daemon would resume \
                  it, with current; set record.resume = false before the daemon starts again ({})",
                 self.failures.join("; ")
             ),

@@ -153,7 +153,7 @@ impl Records {
                 .position(|session| session.id == id)
                 .ok_or_else(|| {
                     Fault::NoSession(format!(
-                        "option 'before' is '{id}', and there is no such session (any more); ask without it"
+                        "option 'before' is '{id}', and there is no such session (any more); call again without this option"
                     ))
                 })?,
         };

@@ -302,7 +302,7 @@ impl SessionStatus {
         // with the start, the only journal messages of a session without faults
         tracing::info!(
             session = self.facts.id,
-            "{} has ended: {}; {} frames on disk, {} failed, {} missed their time",
+            "{} has ended: {}; {} frames on disk, {} failed, {} dropped",
             self.facts.id,
             end.reason,
             self.durable(),

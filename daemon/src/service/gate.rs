@@ -206,7 +206,7 @@ impl Gate {
         }
         let sender = header
             .sender()
-            .ok_or_else(|| refusal("the message does not say who sends it"))?;
+            .ok_or_else(|| refusal("the message has no sender"))?;
         let mut follows = self.follows.subscribe();
         if follows.wait_for(|follows| *follows).await.is_err() {
             return Ok(None);
@@ -236,8 +236,8 @@ impl Gate {
             }
             Err(error) => {
                 locked(&self.present).remove(sender.as_str());
-                tracing::debug!("the bus does not say who {sender} is: {error}");
-                Err(refusal(&format!("the bus does not say who asks: {error}")))
+                tracing::debug!("the bus did not identify {sender}: {error}");
+                Err(refusal(&format!("the bus did not identify the caller: {error}")))
             }
         }
     }

@@ -47,7 +47,7 @@ pub(crate) enum ListenerError {
     },
     #[error("no threads to serve clients on: {0}")]
     Threads(std::io::Error),
-    #[error("the {which} bus was asked for and is not there: {cause}")]
+    #[error("the {which} bus is configured, but not available: {cause}")]
     NoBus {
         which: &'static str,
         cause: zbus::Error,
@@ -173,7 +173,7 @@ async fn system_bus(
     let events = controller.events.clone();
     let report = move |lost: u64, sender: &str| {
         let text = format!(
-            "{lost} calls that want no answer were discarded, the last of {sender}: too many wait already"
+            "{lost} calls without a requested reply were discarded, the last from {sender}: too many are waiting"
         );
         events.journal(EventKind::CallsLost, &text);
     };
@@ -217,7 +217,7 @@ async fn serve_bus(
         let _ =
             tokio::time::timeout(crate::service::SEND_TIMEOUT, connection.clone().close()).await;
         gate.all_left();
-        tracing::warn!("the {which} bus is gone; acquisition goes on");
+        tracing::warn!("the connection to the {which} bus is lost; acquisition continues");
         let mut pause = RECONNECT_INTERVALS.0;
         connected = loop {
             tokio::time::sleep(pause).await;
@@ -235,7 +235,7 @@ async fn serve_bus(
             match again {
                 Ok(Ok(connected)) => break connected,
                 Ok(Err(error)) => tracing::debug!("{error}"),
-                Err(_) => tracing::debug!("the {which} bus does not answer"),
+                Err(_) => tracing::debug!("the {which} bus does not reply"),
             }
         };
         tracing::info!("the {which} bus is back");

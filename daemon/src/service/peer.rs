@@ -58,7 +58,7 @@ pub(super) fn bind(path: &Path) -> io::Result<PeerListener> {
         Ok(found) if !found.file_type().is_socket() => {
             return Err(io::Error::new(
                 io::ErrorKind::AlreadyExists,
-                "something that is no socket is there",
+                "a file that is not a socket has this name",
             ));
         }
         Ok(_) => {
@@ -102,7 +102,7 @@ async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: H
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         let text =
-            format!("a user who is neither ours, root, nor of group {GROUP} was turned away");
+            format!("a user who is neither the daemon's, root, nor in the group {GROUP} was refused at the peer socket");
         controller.events.journal(EventKind::Strangers, &text);
         return;
     };
@@ -152,7 +152,7 @@ async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: H
     let connection = match tokio::time::timeout_at(greeted_by, greeted).await {
         Ok(Ok(connection)) => connection,
         Ok(Err(error)) => {
-            tracing::debug!("a client did not come to speak: {error}");
+            tracing::debug!("a client did not authenticate: {error}");
             return;
         }
         Err(_) => return,
@@ -213,7 +213,7 @@ async fn first_line(stream: &UnixStream) -> Result<Vec<u8>, String> {
             let line = &seen[..=end];
             return match line.starts_with(b"\0AUTH") && line.ends_with(b"\r\n") {
                 true => Ok(line.to_vec()),
-                false => Err("its first line is no AUTH behind a zero byte".to_owned()),
+                false => Err("its first line is not AUTH after a zero byte".to_owned()),
             };
         }
         if seen.len() == first.len() {

@@ -78,7 +78,7 @@ fn refusal(method: &str, took: Duration, period: Duration, every: u64) -> Option
     };
     Some(format!(
         "method {method} takes {took:.3} s for a map (measured now), a frame comes every {period:.3} s{of_each}; set \
-         map_every = {enough} in [model] for a map of every {enough}. frame, choose a quicker method, or measure less often \
+         map_every = {enough} in [model] for one map per {enough} frames, choose a faster method, or measure less often \
          (every_s)"
     ))
 }

@@ -85,7 +85,7 @@ async fn fold_journals(controller: &Arc<Controller>) {
     match folded {
         Ok(Ok(folded)) => {
             for path in folded {
-                tracing::info!("{} is complete: nobody reads it any more", path.display());
+                tracing::info!("{} is complete: no program reads it any more", path.display());
             }
         }
         Ok(Err(error)) => tracing::debug!("{}", survey::error_chain(&error)),
@@ -172,7 +172,7 @@ impl Controller {
         let message = Message {
             kind: "test".to_owned(),
             phase: Phase::Test,
-            text: "tactus notify test: this is no alarm".to_owned(),
+            text: "tactus notify test: this is not an alarm".to_owned(),
         };
         let health = self.health().await;
         run_command(self, &message, &health).await

@@ -300,7 +300,7 @@ async fn a_polkit_that_never_answers_is_a_refusal() {
     let Some(scene) = Scene::set("system", Some(PolkitReply::Nothing)).await else {
         return;
     };
-    refused(within(scene.manager.open_all()).await, "gave no answer");
+    refused(within(scene.manager.open_all()).await, "did not reply");
     // and delays no other client
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
 }
@@ -390,7 +390,7 @@ async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
     }
     let came = connect_as_nobody(&scene.stage.path().join("run/peer"));
     let (_, log) = scene.daemon.terminate().await;
-    assert_eq!(log.contains("was turned away"), came, "{log}");
+    assert_eq!(log.contains("was refused at the peer socket"), came, "{log}");
 }
 
 /// Whether another user's process could connect to the daemon's peer socket.

@@ -60,11 +60,11 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             with("electrodes = 16\n[record]", "electrodes = 20\n[record]"),
-            ":11:14: survey.electrodes: the survey asks 20 electrodes, the geometry (preset disc-tank) has 16",
+            ":11:14: survey.electrodes: the survey has 20 electrodes, the geometry (preset disc-tank) has 16",
         ),
         (
             more("[wiring]\nelectrodes = 26\n"),
-            ":20:14: wiring.electrodes: wiring '34924A pairs in slot 1' has 26 electrodes, the survey asks 16",
+            ":20:14: wiring.electrodes: wiring '34924A pairs in slot 1' has 26 electrodes, the survey has 16",
         ),
         (
             more("[wiring]\nslot = 9\n"),
@@ -193,7 +193,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             with("peer_path = \"run/peer\"", "peer = false"),
-            "nobody could reach the daemon",
+            "no client could reach the daemon",
         ),
     ];
     for (config, says) in cases {

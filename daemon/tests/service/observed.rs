@@ -390,7 +390,7 @@ fn impossible_value_is_reported_with_line_and_column() {
     let wrong = message(&stage);
     for wanted in [
         ":20:10: metrics.listen: 0.0.0.0:9617 can be reached from other machines",
-        ":22:11: notify.command: 'mail' is no absolute path",
+        ":22:11: notify.command: 'mail' is not an absolute path",
         ":23:14: notify.relay_life: 1.5 is not above 0 and at most 1",
         ":24:11: notify.again_s: 0 is not above 0",
         ":25:20: notify.no_frame_periods: 0.5 is not from 1 to 1000000",

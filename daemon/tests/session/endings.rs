@@ -223,7 +223,7 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
     if let Err(fault) = within(session.stop()).await {
         // the session file could not be closed, but the end mark is durable
         assert!(
-            fault.text().contains("that it has ended is kept"),
+            fault.text().contains("its end is stored in"),
             "{fault:?}"
         );
     }

@@ -38,7 +38,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
             return (
                 Vec::new(),
                 Some(format!(
-                    "mDNS cannot be spoken here ({fault}); give addresses instead"
+                    "mDNS is not available here ({fault}); give addresses instead"
                 )),
             );
         }
@@ -108,7 +108,7 @@ fn no_multicast() -> Option<String> {
         .join_multicast_v4(&GROUP, &Ipv4Addr::UNSPECIFIED)
         .err()?;
     Some(format!(
-        "there is no multicast on this machine ({refused}): instruments elsewhere that announce themselves are not heard; \
-         give addresses instead"
+        "this machine has no multicast ({refused}): announcements of instruments cannot be received; give addresses \
+         instead"
     ))
 }

@@ -161,7 +161,7 @@ async fn ask(candidate: Candidate, used: &[Used]) -> SeenInstrument {
     };
     SeenInstrument {
         remark: match identities {
-            true => "it answers on VXI-11 only; the daemon speaks on raw sockets and serial lines"
+            true => "it replies on VXI-11 only; the daemon uses raw sockets and serial lines"
                 .to_owned(),
             false => remark,
         },
@@ -184,7 +184,7 @@ async fn identify(place: &InstrumentAddress) -> Result<String, String> {
             rig::open_serial(path, baud.unwrap_or(kinds::DISCOVERY_BAUD))
         }
         InstrumentAddress::Simulated | InstrumentAddress::Gpiochip { .. } => {
-            return Err("nobody there can be asked for a name".to_owned());
+            return Err("an instrument of this kind has no identity to query".to_owned());
         }
     };
     let stream = stream.map_err(|cause| survey::error_chain(&cause))?;

@@ -61,7 +61,7 @@ impl LogbookSink {
             return self.write_event(EventKind::Plausible, &text);
         }
         let text = format!(
-            "{text}: sheet, contacts or loads are not what they were, and the baseline may no longer hold"
+            "{text}: sheet, contacts or loads have changed, and the baseline may no longer be valid"
         );
         self.write_event(EventKind::Implausible, &text)
     }

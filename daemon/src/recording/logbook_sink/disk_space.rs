@@ -239,7 +239,7 @@ impl LogbookSink {
             self.disk.low = false;
             self.note(
                 EventKind::DiskEnough,
-                "there is enough room for the record again",
+                "there is enough space for the record again",
             );
             return self.settle_what_fits();
         }
@@ -253,7 +253,7 @@ impl LogbookSink {
             self.folder().display(),
             self.disk.section.reserve_mb,
             match self.disk.section.when_full {
-                FullName::Stop => "acquisition pauses until there is room",
+                FullName::Stop => "acquisition pauses until there is space",
                 FullName::Ring => "the oldest closed sessions are deleted",
             }
         );
@@ -361,7 +361,7 @@ impl LogbookSink {
         let pruned = logbook::prune(&folder, &retention, self.clock.wall(), false)?;
         for removed in &pruned.removed {
             let text = format!(
-                "{} was deleted to make room, {:.1} MB (record.when_full = \"ring\")",
+                "{} was deleted to free space, {:.1} MB (record.when_full = \"ring\")",
                 removed.path.display(),
                 removed.bytes as f64 / MEGABYTE as f64
             );

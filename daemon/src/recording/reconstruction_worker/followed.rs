@@ -72,7 +72,7 @@ impl Followed {
         let mut remarks = Vec::new();
         if let Err(why) = followed.restore(context.after) {
             remarks.push(format!(
-                "the tracked baseline of earlier sessions cannot be used, it begins again at baseline {}: {why}",
+                "the tracked baseline of earlier sessions cannot be used; tracking begins again at baseline {}: {why}",
                 baseline.id
             ));
         }
@@ -210,7 +210,7 @@ impl Followed {
             drift: self.tracking.drift().ok(),
         };
         if let Err(error) = keep(&self.folder, &self.baseline, &kept) {
-            tracing::warn!("the tracked baseline is not kept: {}", chain(&error));
+            tracing::warn!("the tracked baseline cannot be stored: {}", chain(&error));
         }
     }
 }

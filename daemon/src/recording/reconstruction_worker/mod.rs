@@ -420,7 +420,7 @@ impl ReconstructionContext {
             }
             Err(why) => {
                 remarks.push(format!(
-                    "maps are compared with the baseline as it was recorded, because it cannot be followed: {why}"
+                    "maps are compared with the baseline as it was recorded, because it cannot be tracked: {why}"
                 ));
                 None
             }

@@ -83,7 +83,7 @@ impl Quantified {
             if without > 0 {
                 remarks.push(format!(
                     "dose and time without relief leave out the last {without} frames before the restart; `tactus quantities \
-                     --recompute` has them"
+                     --recompute` includes them"
                 ));
             }
         }

@@ -130,7 +130,7 @@ impl Recorder {
             return Ok(());
         }
         let text = format!(
-            "the tracked baseline could not follow {missed} frames, because maps took too long: `tactus replay --tracked` follows \
+            "the tracked baseline left out {missed} frames, because maps took too long: `tactus replay --tracked` follows \
              all, and its maps differ"
         );
         self.logbook.write_event(EventKind::Tracking, &text)
@@ -148,7 +148,7 @@ impl Recorder {
         };
         if !worker.follows() {
             return Ok(Err(
-                "the session does not follow its baseline: see `tracking` in [model], and `tactus events`".to_owned(),
+                "the session does not track its baseline: see `tracking` in [model], and `tactus events`".to_owned(),
             ));
         }
         let from = self.logbook.acknowledged() + 1;

@@ -153,7 +153,7 @@ impl Recorder {
             }
         }
         let at = self.logbook.clock.wall();
-        self.close(at, "the daemon let go of the session")
+        self.close(at, "the daemon ended while the session was open")
     }
 
     /// Writes frames that were waiting together with one sync.

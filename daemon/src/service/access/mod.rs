@@ -39,7 +39,7 @@ impl Authorizer {
             Err(Fault::NotAuthorized(format!("{what}: {why}")))
         };
         let Some(action) = action else {
-            return refused("nobody may; it is in no table of actions");
+            return refused("no user has permission: it is in no table of actions");
         };
         let Some(id) = action.id() else {
             return Ok(());
@@ -48,12 +48,12 @@ impl Authorizer {
             return Ok(());
         }
         let Some(sender) = header.sender() else {
-            return refused("the message does not say who sends it");
+            return refused("the message has no sender");
         };
         if self == Self::Session {
             return match client.caller.is_ours() {
                 true => Ok(()),
-                false => refused("only the daemon's own user may, on the session bus"),
+                false => refused("on the session bus only the daemon's own user may do this"),
             };
         }
         let _permit = POLKIT_QUERIES.take(client.user)?;
@@ -67,13 +67,13 @@ impl Authorizer {
                 refused(&format!("polkit does not allow you the action {id}"))
             }
             polkit::Answer::Broken(why) => refused(&format!(
-                "polkit was asked for the action {id} and gave no answer ({why})"
+                "polkit was queried for the action {id} and did not reply ({why})"
             )),
             polkit::Answer::Absent if client.caller.is_ours() || client.caller.is_member() => {
                 Ok(())
             }
             polkit::Answer::Absent => refused(
-                "only root, the daemon's user and the group tactus may, where there is no polkit",
+                "without polkit only root, the daemon's user and the group tactus may do this",
             ),
         }
     }

@@ -15,7 +15,7 @@ const ENDIAN: [u8; 2] = [b'l', b'B'];
 
 /// Not a valid message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the bus sent bytes that are no message")]
+#[error("the bus sent bytes that are not a message")]
 pub(super) struct Malformed;
 
 /// Type and origin of a message.

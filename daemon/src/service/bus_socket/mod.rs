@@ -131,7 +131,7 @@ impl Reader {
     fn run(self, runtime: &Runtime, stream: StdStream) {
         containment::mark_thread();
         if let Err(error) = runtime.block_on(self.read(stream)) {
-            tracing::debug!("the bus is not read any more: {error}");
+            tracing::debug!("the bus is no longer read: {error}");
         }
     }
 

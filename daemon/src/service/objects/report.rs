@@ -202,7 +202,7 @@ pub(crate) fn found_lines(found: &Discovery, json: bool) -> Vec<String> {
     }
     if lines.is_empty() {
         lines.extend((!json).then(|| {
-            "# no instrument was found; a 6221 announces nothing: tactusd --discover tcp:HOST:1394 asks it".to_owned()
+            "# no instrument was found; a 6221 does not announce itself: query it with tactusd --discover tcp:HOST:1394".to_owned()
         }));
     }
     lines

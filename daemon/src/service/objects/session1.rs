@@ -63,7 +63,7 @@ impl Session1 {
         checked("frames", frames as f64, config::numbers::COUNT)?;
         let upto = self.0.grant(frames).ok_or_else(|| {
             Fault::Unsupported(
-                "this session has a schedule; start one with the option 'step'".into(),
+                "this session takes its frames by a schedule; start a session with the option 'step' to take single frames".into(),
             )
         })?;
         let mut durable = self.0.follow_durable();
@@ -194,7 +194,7 @@ impl Session1 {
                 end = self.0.ended() => return Err(Fault::Failed(end.reason)),
             };
             known.map_err(|why| {
-                Fault::Unsupported(format!("there is no load after every injection: {why}"))
+                Fault::Unsupported(format!("loads after every injection are not available: {why}"))
             })?;
             self.running()?;
         }

@@ -109,7 +109,7 @@ impl Controller {
             .records
             .baseline_before(baseline)
             .unwrap_or_else(|error| {
-                tracing::debug!("the baseline before cannot be read: {error}");
+                tracing::debug!("the previous baseline cannot be read: {error}");
                 None
             });
         imaging::baseline_remarks(&setup.model, &setup.geometry, baseline, before.as_ref())

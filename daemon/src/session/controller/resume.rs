@@ -79,7 +79,7 @@ impl Controller {
             Ok(Ok(found)) => found,
             Ok(Err(error)) => {
                 tracing::warn!(
-                    "interrupted sessions cannot be looked for: {}",
+                    "the search for interrupted sessions failed: {}",
                     chain(&error)
                 );
                 return false;
@@ -125,7 +125,7 @@ impl Controller {
             return self.resume_or_wait(&path, id).await;
         }
         let text = format!(
-            "{} was interrupted; it goes on when the rig can be used",
+            "{} was interrupted; it continues when the rig can be used",
             path.display()
         );
         self.report(None, EventKind::ResumeWaits, &text).await;
@@ -138,7 +138,7 @@ impl Controller {
         match self.resume(path.to_owned()).await {
             Ok(()) => true,
             Err(NotResumed::Later(why)) => {
-                let text = format!("{} goes on as soon as that is over: {why}", path.display());
+                let text = format!("{} continues when this is over: {why}", path.display());
                 self.report(None, EventKind::ResumeWaits, &text).await;
                 self.wait_to_go_on(path.to_owned(), id, &text);
                 true
@@ -198,7 +198,7 @@ impl Controller {
             )));
         }
         let options = from_json(&header.asked)
-            .ok_or_else(|| NotResumed::Closed("it does not say how it was started".to_owned()))?;
+            .ok_or_else(|| NotResumed::Closed("it does not contain how it was started".to_owned()))?;
         self.same_rig(header, &self.protocol_for(&options).await?)?;
         let baseline =
             baseline.ok_or_else(|| NotResumed::Closed("it has no baseline".to_owned()))?;
@@ -236,12 +236,12 @@ impl Controller {
         let runtime = self.runtime();
         if header.protocol != *protocol {
             return Err(NotResumed::Closed(
-                "the configuration has another protocol now".to_owned(),
+                "the configuration now has another protocol".to_owned(),
             ));
         }
         if header.simulated != runtime.simulated {
             return Err(NotResumed::Closed(
-                "its voltages were simulated and the rig's are not, or the other way round"
+                "its voltages were simulated and the rig's are not, or vice versa"
                     .to_owned(),
             ));
         }
@@ -249,7 +249,7 @@ impl Controller {
         for then in &header.instruments {
             if !identities.has_recorded(then) {
                 return Err(NotResumed::Closed(format!(
-                    "its {} was {}, and is another now",
+                    "its {} was {} and has changed",
                     then.role, then.identity
                 )));
             }
@@ -312,7 +312,7 @@ fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String
         (true, true) => "the daemon was stopped, and the machine restarted".to_owned(),
         (true, false) => "the daemon was stopped and started again".to_owned(),
         (false, true) => {
-            "the machine restarted without the daemon's doing: power was lost, or it was reset"
+            "the machine restarted without stopping the daemon: power was lost, or it was reset"
                 .to_owned()
         }
         (false, false) => "the daemon was killed, or failed, and was started again".to_owned(),
@@ -322,7 +322,7 @@ fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String
 fn span(time: TimeDelta) -> String {
     let seconds = time.num_seconds();
     match seconds {
-        ..0 => format!("{} s less than none (the clock was set back)", -seconds),
+        ..0 => format!("-{} s (the clock was set back)", -seconds),
         0..120 => format!("{seconds} s"),
         120..7200 => format!("{} min", seconds / 60),
         7200..172_800 => format!("{} h", seconds / 3600),

@@ -116,7 +116,7 @@ impl Controller {
         });
         let (writer, gone_on) = writer
             .await
-            .map_err(|_| Fault::Failed("the session file could not be made".into()))?
+            .map_err(|_| Fault::Failed("the session file could not be created".into()))?
             .map_err(|error| disk_fault(&error))?;
         let baseline_id = order
             .baseline
@@ -301,7 +301,7 @@ impl Controller {
                 "zero-current frames are subtracted from whole frames only: see `zero_every` in [survey]",
             ),
             (None, ..) => Err(
-                "the session does not follow its baseline: see `tracking` in [model], and `tactus events`",
+                "the session does not track its baseline: see `tracking` in [model], and `tactus events`",
             ),
             (Some(to), ..) => Ok(to),
         };
