@@ -114,7 +114,7 @@ impl Controller {
         session.status.set_suspended(true);
         let _ = self.change_state(Trigger::Suspend);
         self.events.publish(&BusEvent::Instruments);
-        let suspended = "the session is suspended; the rig is looked for";
+        let suspended = "the session is suspended; the daemon tries to reconnect the rig";
         self.report(Some(session), EventKind::Suspended, suspended)
             .await;
 
@@ -190,7 +190,7 @@ impl Controller {
                 true => "waiting for `tactus instruments accept`".to_owned(),
                 false => format!("next in {:.1} s", pause.as_secs_f64()),
             };
-            let text = format!("try {tries} failed, {next}: {text}");
+            let text = format!("attempt {tries} failed, {next}: {text}");
             self.report(session, EventKind::Reconnecting, &text).await;
         } else {
             tracing::debug!(tries, "{text}");

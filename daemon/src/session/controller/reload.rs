@@ -180,7 +180,7 @@ impl Controller {
             }
             Err(text) => {
                 self.rig_lost(&text);
-                format!("{file} is in force, but its rig is not there: {text}")
+                format!("{file} is in force, but its rig cannot be reached: {text}")
             }
         };
         self.events.publish(&BusEvent::ObjectsChanged);
@@ -243,7 +243,7 @@ fn restart_needed(old: &Config, new: &Config) -> Result<(), Fault> {
         () => return Ok(()),
     };
     Err(Fault::Unsupported(format!(
-        "{what} has changed, and that needs a restart of tactusd; nothing was taken"
+        "{what} has changed, which needs a restart of tactusd; nothing was reloaded"
     )))
 }
 

@@ -304,14 +304,14 @@ impl Controller {
             let source = self.source.lock().await;
             let FrameSource::Rig { rig: Some(rig), .. } = &*source else {
                 return Err(Fault::Failed(
-                    "the rig is not there; `tactus instruments` says why".into(),
+                    "the rig cannot be reached; `tactus instruments` shows why".into(),
                 ));
             };
             rig.relay_cycles(&relays).await
         };
         let Some(counts) = counts else {
             return Err(Fault::Unsupported(
-                "a multiplexer board has no relays: its chips do not wear, and count nothing"
+                "a multiplexer board has no relays: its chips do not wear and have no counters"
                     .into(),
             ));
         };
