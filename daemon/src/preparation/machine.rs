@@ -136,6 +136,6 @@ mod tests {
         assert!(text.contains("MB are free"), "{text}");
         std::fs::write(folder.path().join("a"), "").unwrap();
         let text = no_folder(&not_yet).unwrap();
-        assert!(text.contains("is no folder"), "{text}");
+        assert!(text.contains("is not a folder"), "{text}");
     }
 }

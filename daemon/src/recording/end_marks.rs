@@ -336,7 +336,7 @@ mod tests {
         let marked = marks.mark("m1", 1, "stopped");
         assert!(!marked.is_kept() && marked.failures.len() == 2);
         let text = marked.text("m1");
-        assert!(text.contains("could not be written anywhere"), "{text}");
+        assert!(text.contains("could not be stored anywhere"), "{text}");
     }
 
     #[test]

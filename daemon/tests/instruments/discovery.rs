@@ -250,7 +250,7 @@ async fn without_multicast_given_addresses_are_still_queried() {
     assert!(
         notes
             .iter()
-            .any(|note| note.contains("no multicast on this machine")),
+            .any(|note| note.contains("this machine has no multicast")),
         "{notes:?}"
     );
     let source = one(&found, "6221").expect("it was asked");

@@ -262,7 +262,7 @@ fn a_record_directory_that_is_a_file_is_an_error() {
         assert_eq!(output.status.code(), Some(78), "{args:?}: {message}");
         assert!(
             message.contains("config.toml:13:13: record.directory: ")
-                && message.contains("is no folder"),
+                && message.contains("is not a folder"),
             "{args:?}: {message}"
         );
     }

@@ -154,7 +154,7 @@ async fn unrecordable_end_is_reported() {
         };
         drop(held);
         if runtime_too {
-            assert!(text.contains("could not be written anywhere"), "{text}");
+            assert!(text.contains("could not be stored anywhere"), "{text}");
             let alarm = reported(&mut happened, "alarm").await;
             assert!(alarm.contains("with current"), "{alarm}");
             daemon.kill().await;
