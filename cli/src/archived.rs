@@ -74,7 +74,7 @@ pub(crate) fn list(
         most: None,
     })?;
     if sessions.is_empty() {
-        return printer.text("no session of the archive that this role may see fits; `tactus archive status` compares the record with it");
+        return printer.text("no session of the archive that this role can read matches; `tactus archive status` compares the record with the archive");
     }
     let heading = ["session", "kind", "started", "frames", "ended", "note"];
     printer.table(heading, &sessions, row)
@@ -88,7 +88,7 @@ fn row(session: &ArchivedSession) -> [String; 6] {
     };
     let remark = match session.complete {
         true => "",
-        false => " (goes on, or parts are missing)",
+        false => " (continues, or parts are missing)",
     };
     [
         format!("{}/{}/{}", session.site, session.daq, session.id),

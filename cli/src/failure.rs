@@ -34,7 +34,7 @@ pub(crate) enum Failure {
     #[error("{0}")]
     Configuration(String),
     /// The reader of the output has closed it (`tactus ... | head`): not a failure.
-    #[error("the reader of the output has gone")]
+    #[error("the reader of the output has ended")]
     Closed,
     /// A signal requested the program's end: not a failure, and nothing is printed.
     #[error("ended by signal {0}")]

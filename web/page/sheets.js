@@ -95,7 +95,7 @@ async function choose(machine) {
     if (chosen !== of) return;
     const rows = sessions.map(session => {
       const tr = row(["", `${session.kind}${session.simulated ? " (SIMULATED)" : ""}`, when(session.started), when(session.last_frame),
-        { number: session.frames.toLocaleString() }, session.complete ? session.reason : "goes on, or parts are missing", session.note]);
+        { number: session.frames.toLocaleString() }, session.complete ? session.reason : "continues, or parts are missing", session.note]);
       if (session.kind === "measurement" && session.frames) {
         const link = document.createElement("a");
         link.href = `/playback?session=${encodeURIComponent(`archive:${of}/${session.id}`)}`;

@@ -15,7 +15,7 @@ pub trait RunningModel: Send + Sync {
     /// A sentence: the method refuses the frame.
     fn provisional(&self, readings: &[Option<f64>]) -> Result<ProvisionalMap, String>;
 
-    /// Standard deviation of ln conductance of each triangle; NaN where the frame says nothing of it.
+    /// Standard deviation of ln conductance of each triangle; NaN if the frame gives no information about it.
     ///
     /// # Errors
     /// A sentence: it is not known.

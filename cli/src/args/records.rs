@@ -308,7 +308,7 @@ fn whole_seconds(text: &str) -> Result<Duration, String> {
     match length.subsec_nanos() {
         0 => Ok(length),
         _ => Err(format!(
-            "'{text}' is no whole number of seconds; write for example 1s, 90s, 5m"
+            "'{text}' is not a whole number of seconds; write for example 1s, 90s, 5m"
         )),
     }
 }

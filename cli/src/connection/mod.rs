@@ -173,7 +173,7 @@ impl Daemon {
         match self.session_id(named, is_baseline).await? {
             Some(id) => Ok(id),
             None if named == LAST => Err(Failure::Missing(
-                "no baseline is recorded; `tactus baseline record` does".to_owned(),
+                "no baseline is recorded; record one with `tactus baseline record`".to_owned(),
             )),
             None => Ok(named.to_owned()),
         }
@@ -196,7 +196,7 @@ fn resolve_id<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failu
     }
     let listed: Vec<&str> = first.into_iter().chain(others).collect();
     Err(Failure::Usage(format!(
-        "'{named}' is the beginning of several sessions: {}{}; write more of it",
+        "'{named}' is the beginning of several session ids: {}{}; write more characters of the id",
         listed[..listed.len().min(5)].join(", "),
         if listed.len() > 5 { ", ..." } else { "" }
     )))
@@ -204,7 +204,7 @@ fn resolve_id<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failu
 
 fn timed_out(what: &str, patience: Duration) -> Failure {
     Failure::Timeout(format!(
-        "{what}: no answer within {}; look at its journal, or wait longer with --timeout",
+        "{what}: no reply within {}; read its journal, or wait longer with --timeout",
         crate::options::duration::display_span(patience)
     ))
 }
@@ -228,8 +228,8 @@ fn no_daemon(tried: &[String]) -> Failure {
         text.push_str(&readable_reason(place));
     }
     text.push_str(
-        "\nStart one with `tactusd --config config.toml` (installed: `systemctl start tactusd`), or say where it is with \
-         --bus; recorded sessions need none: `tactus sessions`, `tactus export`, `tactus replay`",
+        "\nStart one with `tactusd --config config.toml` (installed: `systemctl start tactusd`), or give its address \
+         with --bus; recorded sessions need no daemon: `tactus sessions`, `tactus export`, `tactus replay`",
     );
     Failure::Missing(text)
 }
@@ -280,10 +280,10 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         }
         Fault::DiskRefused(_) => Failure::Failed(advise("free space, then `tactus start` again")),
         Fault::NotAuthorized(_) => {
-            Failure::NotAuthorised(advise("ask for the group tactus, or run as root"))
+            Failure::NotAuthorised(advise("ask the administrator to add you to the group tactus, or run as root"))
         }
         Fault::LimitsExceeded(_) => {
-            Failure::Busy(advise("end what is not needed any more, or try again"))
+            Failure::Busy(advise("end connections or calls that are no longer needed, or try again"))
         }
         Fault::InvalidOption(_) => Failure::Usage(message),
         Fault::NoFrame(_) => Failure::Failed(advise("`tactus watch` waits for the first")),
@@ -306,12 +306,12 @@ fn undelivered(what: &str, name: &str, message: &str) -> Failure {
     match name.rsplit('.').next().unwrap_or(name) {
         "AccessDenied" | "AuthFailed" | "InteractiveAuthorizationRequired" => {
             Failure::NotAuthorised(format!(
-                "{what}: {message}; ask for the group tactus, or run as root"
+                "{what}: {message}; ask the administrator to add you to the group tactus, or run as root"
             ))
         }
         "UnknownObject" => Failure::Missing(format!("{what}: {message}")),
         "UnknownMethod" | "UnknownInterface" | "UnknownProperty" => Failure::Missing(format!(
-            "{what}: the daemon does not know it ({message}); is it of another version than this tactus?"
+            "{what}: the daemon does not have this call ({message}); is it of another version than this tactus?"
         )),
         "ServiceUnknown" | "NameHasNoOwner" | "NoReply" | "Disconnected" | "NoServer" => {
             no_longer_running(what, message)
@@ -324,6 +324,6 @@ fn undelivered(what: &str, name: &str, message: &str) -> Failure {
 
 fn no_longer_running(what: &str, message: &str) -> Failure {
     Failure::Missing(format!(
-        "{what}: the daemon went away ({message}); look at its journal, then start it with `systemctl start tactusd`"
+        "{what}: the daemon ended ({message}); read its journal, then start it with `systemctl start tactusd`"
     ))
 }

@@ -16,7 +16,7 @@ use crate::output::Printer;
 use crate::output::time::local;
 
 /// The end of a recording that has no warning.
-const NO_REMARK: &str = "no warning; a load that is on the sheet all the same appears in no map until a new baseline is recorded";
+const NO_REMARK: &str = "no warning; a load that is on the sheet nevertheless appears in no map until a new baseline is recorded";
 
 /// The line of `baseline show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]

@@ -74,7 +74,7 @@ pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
         let each: Vec<String> = each
             .map(|one| match &one.fault {
                 None => format!("{} ready", one.role),
-                Some(_) => format!("{} cannot be used (the verdict says why)", one.role),
+                Some(_) => format!("{} cannot be used (see the verdict)", one.role),
             })
             .collect();
         lines.push(format!("rig        {}", each.join(", ")));
@@ -86,11 +86,11 @@ pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
                 "disk       {days:.0} days left ({free:.1} GB free, {:.1} MB a day)",
                 rate / 1e6
             ),
-            _ => format!("disk       {free:.1} GB free; how long that lasts is not known yet"),
+            _ => format!("disk       {free:.1} GB free; the time until it is full is not known yet"),
         });
     }
     lines.push(match &health.relay {
-        None => "relays     wear not read; `tactus instruments relays` does".to_owned(),
+        None => "relays     wear not read yet; `tactus instruments relays` reads it".to_owned(),
         Some(life) => format!(
             "relays     relay {} first: {:.1} % of its life used{}",
             life.relay,
@@ -178,7 +178,7 @@ mod tests {
             "last frame 17 of m1, 1.5 min ago; 2 wait for the disk",
             "gaps       3 frames failed, 4 dropped; the last ",
             "frame 9 failed: late",
-            "rig        source ready, switch+voltmeter cannot be used (the verdict says why)",
+            "rig        source ready, switch+voltmeter cannot be used (see the verdict)",
             "disk       3 days left (12.3 GB free, 4100.0 MB a day)",
             "relays     relay 1042 first: 12.5 % of its life used, 40.0 d of measuring left",
         ] {

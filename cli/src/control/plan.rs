@@ -154,7 +154,7 @@ fn describe(measuring: &Measuring) -> String {
     }
     let ranges = if measuring.planned_ranges {
         format!(
-            "one for each reading: {} set on the way, {} in all; noise {:.3} rms ({:.3} median) instead of {:.3}",
+            "one for each reading: {} changes in a frame, {} in all; noise {:.3} rms ({:.3} median) instead of {:.3}",
             measuring.range_changes,
             seconds(measuring.range_time_s),
             Volts(measuring.noise_v),
@@ -170,10 +170,10 @@ fn describe(measuring: &Measuring) -> String {
     };
     let mut pattern = match measuring.skip {
         0 => "neighbouring pairs".to_owned(),
-        skip => format!("pairs that leave out {skip} electrodes"),
+        skip => format!("pairs with {skip} electrodes between the two"),
     };
     if measuring.half {
-        pattern.push_str(", of two readings that reciprocity makes equal one");
+        pattern.push_str(", one of each two reciprocal readings");
     }
     let costs = match measuring.costs.as_slice() {
         [] => String::new(),

@@ -14,7 +14,7 @@ use crate::output::Printer;
 pub(crate) fn attempts(recovery: &Recovery) -> String {
     let tries = match recovery.tries {
         0 => "reconnecting".to_owned(),
-        tries => format!("reconnecting, {tries} tries so far"),
+        tries => format!("reconnecting, {tries} attempts so far"),
     };
     let next = match (recovery.person, recovery.next_s) {
         (true, _) => "waiting for you: `tactus instruments accept`".to_owned(),
@@ -35,7 +35,7 @@ fn last_map(map: &MapSummary) -> String {
         text.push_str(&format!(", {quality}: {doubts}"));
     }
     if map.known == Some(false) {
-        text.push_str(", not known to be true (`tactus watch` says why)");
+        text.push_str(", not known to be true (`tactus watch` shows why)");
     }
     if let Some(seconds) = map.reconstruction_s {
         text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));

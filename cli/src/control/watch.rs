@@ -224,7 +224,7 @@ pub(crate) async fn first_of(signals: &mut JoinSet<u8>) -> u8 {
 fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
     let session = status.session.unwrap_or_default();
     if session.id.as_deref() != Some(id) {
-        return (format!("waiting: {id} does not run any more"), None);
+        return (format!("waiting: {id} is no longer running"), None);
     }
     if let Some(recovery) = status.recovery.and_then(Recovery::from) {
         return (format!("waiting: {}", attempts(&recovery)), None);

@@ -63,7 +63,7 @@ pub(crate) fn run(
         };
         tokio::select! {
             served = server.run(live.clone(), recordings, stopped) => {
-                served.map_err(|error| Failure::failed("the page cannot be served any more", &error))
+                served.map_err(|error| Failure::failed("the page can no longer be served", &error))
             }
             ended = ended => ended,
             () = web::follow(address, live) => Ok(()),

@@ -44,7 +44,7 @@ fn judged(file: &Path, ran: std::io::Result<std::process::Output>) -> Finding {
         Err(cause) => Finding::warn(
             "configuration",
             format!("tactusd cannot be run: {cause}"),
-            "install it beside tactus or in PATH",
+            "install it next to tactus or in PATH",
         ),
         Ok(ran) if ran.status.success() => {
             let printed = String::from_utf8_lossy(&ran.stdout);
@@ -94,7 +94,7 @@ pub(super) async fn check(global: &Global, wanted: &DoctorConfig) -> Running {
             running.record_directory = Some(PathBuf::from(directory));
             let troubles = health.troubles.unwrap_or_default();
             running.findings.push(match troubles.as_slice() {
-                [] => Finding::ok("daemon", format!("answers at {address}, and is well")),
+                [] => Finding::ok("daemon", format!("replies at {address}, and is well")),
                 troubles => Finding::warn(
                     "daemon",
                     format!("answers at {address}: {}", troubles.join("; ")),
@@ -106,11 +106,11 @@ pub(super) async fn check(global: &Global, wanted: &DoctorConfig) -> Running {
             let text = failure.to_string();
             let first = text.lines().next().unwrap_or_default().to_owned();
             running.findings.push(match failure.code() {
-                4 => Finding::bad("daemon", first, "ask for the group tactus, or run as root"),
+                4 => Finding::bad("daemon", first, "ask the administrator to add you to the group tactus, or run as root"),
                 _ => Finding::warn(
                     "daemon",
                     "no daemon answers",
-                    "`sudo systemctl start tactusd`, or `tactusd --config FILE` by hand; `tactus status` names the places tried",
+                    "`sudo systemctl start tactusd`, or `tactusd --config FILE` by hand; `tactus status` lists the addresses tried",
                 ),
             });
         }
@@ -131,7 +131,7 @@ fn peer_socket(wanted: &DoctorConfig) -> Option<Finding> {
         Err(cause) if cause.kind() == std::io::ErrorKind::PermissionDenied => Finding::bad(
             "peer socket",
             format!("{shown}: {cause}"),
-            "ask for the group tactus, or run as root",
+            "ask the administrator to add you to the group tactus, or run as root",
         ),
         Err(cause) => Finding::warn(
             "peer socket",
@@ -163,7 +163,7 @@ fn service(shown: &str) -> Finding {
     };
     let (active, restarts) = (of("ActiveState"), of("NRestarts"));
     let text = format!("tactusd.service is {active} ({})", of("SubState"));
-    let journal = "`journalctl -u tactusd -e` says why";
+    let journal = "`journalctl -u tactusd -e` shows why";
     match (of("LoadState").as_str(), active.as_str()) {
         ("not-found" | "", _) => Finding::warn(
             "service",
@@ -228,7 +228,7 @@ async fn system_bus(wanted: &DoctorConfig) -> Vec<Finding> {
             findings.push(Finding::warn(
                 "polkit",
                 "polkit does not run: only root and the group tactus may do anything",
-                "`sudo apt install polkitd`, unless that is as it should be",
+                "`sudo apt install polkitd`, unless this is intended",
             ));
         }
     }

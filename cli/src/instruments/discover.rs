@@ -31,7 +31,7 @@ pub(crate) async fn run(
         .await
         .map_err(|_| {
             let patience = display_span(patience);
-            Failure::Timeout(format!("the search: no answer within {patience}"))
+            Failure::Timeout(format!("the search: no reply within {patience}"))
         })?
         .map_err(|error| fault("the search", &error))?;
     show(found, printer)
@@ -52,7 +52,7 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
     }
     if found.seen.is_empty() {
         return printer.text(
-            "no instrument was found; a 6221 announces nothing: give its address (tcp:HOST:1394) to ask it",
+            "no instrument was found; a 6221 does not announce itself: give its address (tcp:HOST:1394) to query it",
         );
     }
     let rows: Vec<[String; 4]> = found
@@ -78,7 +78,7 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
         .filter(|seen| !seen.in_use && !seen.proposal.is_empty());
     let mut proposals = proposals.peekable();
     if proposals.peek().is_some() {
-        printer.text("\nLines for a configuration (nothing is used before one names it):")?;
+        printer.text("\nLines for a configuration (an instrument is used only if a configuration names it):")?;
     }
     for seen in proposals {
         printer.text(&format!(

@@ -90,7 +90,7 @@ pub(crate) async fn test(
             Ok(Some(report)) => break report.map_err(|error| fault("the self-test", &error))?,
             Err(_) => {
                 return Err(Failure::Timeout(format!(
-                    "the self-test: nothing for {}; it goes on in the daemon, `tactus status` shows when it is done",
+                    "the self-test: no result for {}; it continues in the daemon, `tactus status` shows when it is done",
                     display_span(daemon.patience)
                 )));
             }
@@ -175,7 +175,7 @@ fn show(report: TestReport, all: bool, printer: &mut Printer<impl Write>) -> Res
         }
     }
     if report.passed {
-        return printer.text("nothing is to be mended; the source is off");
+        return printer.text("nothing needs repair; the source is off");
     }
     Err(Failure::Instrument(format!(
         "the self-test found {} fault(s); the source is off: {}",

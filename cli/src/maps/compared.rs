@@ -57,7 +57,7 @@ impl<'a> Compared<'a> {
         reconstruction.map(self.baseline, self.readings)
     }
 
-    /// Standard deviation of ln conductance of each triangle; NaN where the frame says nothing of it.
+    /// Standard deviation of ln conductance of each triangle; NaN if the frame gives no information about it.
     ///
     /// # Errors
     /// It is not known.

@@ -51,7 +51,7 @@ impl Follower {
         if let Some(state) = recording.tracking()? {
             tracking.restore(state).map_err(|error| {
                 Failure::failed(
-                    "the baseline cannot be followed as in the session; --baseline or --tracked=off works without its state",
+                    "the baseline cannot be tracked as in the session; --baseline or --tracked=off works without its state",
                     &error,
                 )
             })?;
@@ -128,7 +128,7 @@ impl Follower {
 
 fn not_followed(frame: &RecordedFrame, error: &dyn std::error::Error) -> Failure {
     let what = format!(
-        "the baseline cannot be followed to frame {}",
+        "the baseline cannot be tracked to frame {}",
         frame.sequence
     );
     Failure::failed(&what, error)

@@ -27,7 +27,7 @@ pub(crate) struct FrameMap {
     pub(crate) pressure: Option<Pressure>,
     /// What the tracked baseline says of the frame; `None` without one.
     pub(crate) tracked: Option<Tracked>,
-    /// Standard deviation of ln conductance of each triangle, NaN where the frame says nothing of it; `None` where that was not
+    /// Standard deviation of ln conductance of each triangle, NaN if the frame gives no information about it; `None` where that was not
     /// asked for.
     pub(crate) deviation: Option<Vec<f64>>,
 }

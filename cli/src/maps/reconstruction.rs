@@ -113,7 +113,7 @@ impl Reconstruction {
             && let Err(error) = imaging::calibrate(&mut model, path)
         {
             chosen.remarks.push(format!(
-                "maps are in relative loss of conductance, because the session's {}; --calibration FILE says where it is",
+                "maps are in relative loss of conductance, because the session's {}; give it with --calibration FILE",
                 survey::error_chain(&error)
             ));
         }
@@ -193,7 +193,7 @@ impl Reconstruction {
             .map_err(|error| Failure::Configuration(error.to_string()))
     }
 
-    /// Standard deviation of ln conductance of each triangle; NaN where the frame says nothing of it. The first frame of a
+    /// Standard deviation of ln conductance of each triangle; NaN if the frame gives no information about it. The first frame of a
     /// baseline takes a second.
     ///
     /// # Errors
@@ -328,7 +328,7 @@ pub(crate) fn choose_geometry(
             Origin::Folder(folder) if has_mesh(folder) => Geometry::from_case(folder)?,
             Origin::Folder(folder) => {
                 return Err(Failure::Usage(format!(
-                    "{} holds no mesh (no nodes.csv); say --preset disc-tank or paper-sheet, or --case DIR with a mesh",
+                    "{} has no mesh (no nodes.csv); give --preset disc-tank or paper-sheet, or --case DIR with a mesh",
                     folder.display()
                 )));
             }
@@ -341,7 +341,7 @@ pub(crate) fn choose_geometry(
     let (mesh, wants) = (geometry.electrodes(), protocol.electrodes());
     if mesh != wants {
         return Err(Failure::Configuration(format!(
-            "the mesh has {mesh} electrodes, the protocol asks for {wants}"
+            "the mesh has {mesh} electrodes, the protocol needs {wants}"
         )));
     }
     Ok((geometry, remarks))

@@ -191,7 +191,7 @@ impl From<RecordedError> for Failure {
             RecordedError::Session(error) => error.into(),
             RecordedError::First { .. } => Self::Usage(format!("--{error}")),
             RecordedError::NoBaseline(id) => Self::Failed(format!(
-                "session {id} holds no baseline; say --baseline first:N for its first N frames"
+                "session {id} has no baseline; give --baseline first:N for its first N frames"
             )),
             RecordedError::NoFrames(_) => Self::Usage(error.to_string()),
             RecordedError::Protocol(_)

@@ -253,7 +253,7 @@ impl VerifySummary {
             .map(ToString::to_string)
             .collect();
         Err(Failure::Failed(format!(
-            "{} of {session}'s maps are not what was recorded, from frame {first} on: {}{}",
+            "{} of {session}'s maps differ from the recorded ones, from frame {first} on: {}{}",
             self.different.len(),
             listed.join(", "),
             if self.different.len() > listed.len() {
@@ -360,7 +360,7 @@ fn line(frame: u64, values: &[f64]) -> String {
 impl MapTables {
     fn create(path: &Path, mesh: &Mesh, existing: Existing, sd: bool) -> Result<Self, Failure> {
         if sd && outfile::is_stream(path) {
-            let text = "--sd writes a file beside the maps; --out must be a file";
+            let text = "--sd writes a file next to the maps; --out must be a file";
             return Err(Failure::Usage(text.to_owned()));
         }
         let mut maps = OutFile::create(path, existing)?;

@@ -104,7 +104,7 @@ impl<'de> Deserializer<'de> for KnownKeys {
 }
 
 const SETTINGS_HINT: &str =
-    "say --preset paper-sheet or disc-tank, --case DIR with a mesh, or --model FILE";
+    "give --preset paper-sheet or disc-tank, --case DIR with a mesh, or --model FILE";
 
 /// The geometry of a session, from its stored configuration, verified by the stored hash.
 ///

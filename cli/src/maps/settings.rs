@@ -95,7 +95,7 @@ fn model_file(
             if here.is_none() {
                 remarks.push(format!(
                     "the session's maps were made with model {}, which is not here; the one-step method is used \
-                     instead, --model FILE says where it is",
+                     instead; give the model with --model FILE",
                     short_hash(hash)
                 ));
             }

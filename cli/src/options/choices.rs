@@ -104,7 +104,7 @@ impl Scale {
         let (per, axis) = shown.shown();
         match unit {
             Some(MapUnit::Pressure) if shown != MapUnit::Pressure => Err(format!(
-                "--scale {low},{high}kPa: the map is in {axis}, because no calibration holds; write --scale LOW,HIGH in {axis}, or \
+                "--scale {low},{high}kPa: the map is in {axis}, because no calibration applies; write --scale LOW,HIGH in {axis}, or \
                  give a calibration"
             )),
             Some(other) if other != shown => Err(format!(

@@ -6,7 +6,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SpanError {
     /// It cannot be parsed.
-    #[error("'{text}' is no duration ({cause}); write for example 10s, 5m, 2h")]
+    #[error("'{text}' is not a duration ({cause}); write for example 10s, 5m, 2h")]
     Text {
         /// The text.
         text: String,

@@ -39,7 +39,7 @@ impl std::str::FromStr for Instant {
                 number,
             }),
             _ => Err(format!(
-                "'{text}' is no instant of a recording; write a frame's number (120), a time since the first frame (10m), a time \
+                "'{text}' is not an instant of a recording; write a frame's number (120), a time since the first frame (10m), a time \
                  ('2026-11-22 14:00' local, 2026-11-22T14:00:00Z), or an event: its kind (alarm-active), the second of a kind \
                  (alarm-active:2), or its number among all (event:7)"
             )),

@@ -11,7 +11,7 @@ use crate::options::duration::parse_span as span;
 /// Options of `start` and `baseline record`.
 #[derive(Debug, Clone, Default, Args)]
 #[command(
-    next_help_heading = "How it measures (default: as configured; the baseline must have been measured alike)"
+    next_help_heading = "Measuring settings (default: as configured; the baseline must have the same)"
 )]
 pub struct Measuring {
     /// Integration in power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200 [default: as configured]

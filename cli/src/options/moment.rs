@@ -36,7 +36,7 @@ impl std::str::FromStr for Moment {
         }
         parse_span(text).map(Self::Since).map_err(|_| {
             format!(
-                "'{text}' is no place in a recording; write a frame's number (120), a time since the first frame (10m), or a \
+                "'{text}' is not a position in a recording; write a frame's number (120), a time since the first frame (10m), or a \
                  time ('2026-11-22 14:00' local, 2026-11-22T14:00:00Z)"
             )
         })
@@ -57,7 +57,7 @@ pub(crate) fn wall_time(text: &str) -> Result<DateTime<Utc>, String> {
     };
     at.ok_or_else(|| {
         format!(
-            "'{text}' is no time; write '2026-11-22 14:00' (local), 2026-11-22T14:00:00Z, or a time before now: 7d"
+            "'{text}' is not a time; write '2026-11-22 14:00' (local), 2026-11-22T14:00:00Z, or a time before now: 7d"
         )
     })
 }

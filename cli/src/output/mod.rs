@@ -111,7 +111,7 @@ impl<W: Write> Printer<W> {
             if self.json {
                 let json = serde_json::to_string(record);
                 printable_json(json.map_err(|error| {
-                    Failure::failed("an answer cannot be written as JSON", &error)
+                    Failure::failed("a result cannot be written as JSON", &error)
                 })?)
             } else {
                 printable_lines(&person(record)).into_owned()

@@ -96,7 +96,7 @@ pub(crate) fn mesh_of(
     let named = requested.preset.is_some() || requested.case.is_some();
     if header.config_toml.is_empty() && !named {
         return Err(format!(
-            "session {} keeps no configuration; say --preset paper-sheet or disc-tank, or --case DIR with a mesh",
+            "session {} has no stored configuration; give --preset paper-sheet or disc-tank, or --case DIR with a mesh",
             header.id
         ));
     }

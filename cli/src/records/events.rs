@@ -29,7 +29,7 @@ pub(crate) fn run(
     let session = SessionParts::open(&session_files::session_file(global, named)?)?;
     let events = session.events()?;
     if events.is_empty() && !printer.is_json() {
-        return printer.text("nothing happened to this session but its frames");
+        return printer.text("this session has no events, only frames");
     }
     for event in events {
         let line = Event {

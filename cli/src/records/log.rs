@@ -127,7 +127,7 @@ pub(crate) async fn follow(
         }
     }
     Err(Failure::Missing(
-        "the daemon went away; `tactus log` reads what it has recorded".to_owned(),
+        "the daemon ended; `tactus log` prints what it has recorded".to_owned(),
     ))
 }
 

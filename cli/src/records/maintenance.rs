@@ -68,8 +68,8 @@ fn verify(
     match broken {
         0 => Ok(()),
         _ => Err(Failure::Failed(format!(
-            "{broken} of {checked} sessions are not whole; `tactus sessions repair SESSION` keeps what is good of a \
-             damaged file"
+            "{broken} of {checked} sessions are not whole; `tactus sessions repair SESSION` copies the readable \
+             frames of a damaged file"
         ))),
     }
 }
@@ -197,7 +197,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
             continue;
         }
         let pruned = logbook::prune(&place, &retention, Utc::now(), asked.dry_run)
-            .map_err(|error| Failure::failed("not all that should go went", &error))?;
+            .map_err(|error| Failure::failed("not all selected sessions could be removed", &error))?;
         for removed in &pruned.removed {
             count += 1;
             bytes += removed.bytes;
@@ -246,7 +246,7 @@ pub(crate) fn mark(session: &logbook::SessionReader, last: u64, export: &Export)
     };
     if let Err(error) = logbook::mark_exported(session.path(), &exported) {
         complain(&format!(
-            "tactus: not marked as exported, so `sessions prune --exported-only` will pass it over: {}",
+            "tactus: not marked as exported, so `sessions prune --exported-only` will keep it: {}",
             chain(&error)
         ));
     }
@@ -255,7 +255,7 @@ pub(crate) fn mark(session: &logbook::SessionReader, last: u64, export: &Export)
 /// Parses a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (of two), or a bare number.
 pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
     parse_size::parse_size(text)
-        .map_err(|cause| format!("'{text}' is no size ({cause}); write for example 20GB or 1GiB"))
+        .map_err(|cause| format!("'{text}' is not a size ({cause}); write for example 20GB or 1GiB"))
 }
 
 #[cfg(test)]

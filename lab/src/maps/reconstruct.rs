@@ -27,7 +27,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let beside = (!outfile::is_stream(&options.out)).then(|| MapCompanions::of(&options.out));
     if options.sd && beside.is_none() {
         return Err(Failure::usage(
-            "--sd writes a file beside the maps; --out must be a file",
+            "--sd writes a file next to the maps; --out must be a file",
         ));
     }
     if let Some(beside) = &beside {

@@ -167,7 +167,7 @@ pub enum MapKind {
     Exact,
     /// Time without relief of each triangle, s.
     Unrelieved,
-    /// Standard deviation of each triangle of the exact map; NaN where the frame says nothing of it.
+    /// Standard deviation of each triangle of the exact map; NaN if the frame gives no information about it.
     Deviation,
 }
 

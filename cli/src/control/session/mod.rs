@@ -285,7 +285,7 @@ pub(crate) async fn follow(
             .await
             .unwrap_or_else(|_| {
                 Err(Failure::Timeout(format!(
-                    "not ended within {}; it goes on: `tactus status`, `tactus stop`",
+                    "not ended within {}; it continues: `tactus status`, `tactus stop`",
                     display_span(within)
                 )))
             }),
@@ -332,6 +332,6 @@ pub(crate) async fn check_end(daemon: &Daemon, session: &Session1Proxy<'_>) -> R
         "the session ended in a fault: {}; `tactus instruments` shows which ones answer",
         error
             .as_deref()
-            .unwrap_or("the daemon's journal says which")
+            .unwrap_or("the daemon's journal names it")
     )))
 }

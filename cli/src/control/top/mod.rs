@@ -48,8 +48,8 @@ pub(crate) fn run(
 ) -> Result<(), Failure> {
     if !printer.is_terminal() {
         return Err(Failure::Usage(
-            "`tactus top` draws on a terminal, and the output goes elsewhere; `tactus watch` prints a line for each frame, with \
-             --json an object"
+            "`tactus top` needs a terminal, and the output is redirected; `tactus watch` prints a line for each \
+             frame, with --json an object"
                 .to_owned(),
         ));
     }
@@ -119,7 +119,7 @@ where
                 }
             }
             event = events.recv() => {
-                let event = event.unwrap_or_else(|| Err(std::io::Error::other("the keyboard is not read any more")));
+                let event = event.unwrap_or_else(|| Err(std::io::Error::other("the keyboard is no longer read")));
                 let event = event.map_err(|error| Failure::failed("the terminal's keys cannot be read", &error))?;
                 match dashboard.press(&event) {
                     Next::Stay => {}

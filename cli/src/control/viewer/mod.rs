@@ -165,7 +165,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         loop {
             while let Some(record) = decoder
                 .next_record()
-                .map_err(|error| Failure::failed("the stream cannot be understood", &error))?
+                .map_err(|error| Failure::failed("the stream cannot be decoded", &error))?
             {
                 // the daemon knows the noise after the first map
                 if matches!(record.body, Body::Map { .. }) && !self.noise.1 {
@@ -207,7 +207,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 Some(Ok(0)) => {
                     self.flush()?;
                     return Err(Failure::Missing(format!(
-                        "the daemon went away while session {} was watched; its record is kept: `tactus sessions`",
+                        "the daemon ended while session {} was watched; its record is kept: `tactus sessions`",
                         self.id
                     )));
                 }

@@ -44,7 +44,7 @@ pub(super) fn wanted(file: &Path) -> Result<DoctorConfig, Finding> {
         Finding::warn("configuration", text, advice)
     })?;
     let mut wanted: DoctorConfig = toml::from_str(&text).map_err(|error| {
-        let text = format!("{} is no configuration: {}", file.display(), chain(&error));
+        let text = format!("{} is not a configuration: {}", file.display(), chain(&error));
         Finding::bad(
             "configuration",
             text,
@@ -162,7 +162,7 @@ impl Machine {
             let there = self.by_id();
             let advice = match there.is_empty() {
                 true => {
-                    "is it plugged in and switched on? `dmesg` says what the kernel saw".to_owned()
+                    "is it plugged in and switched on? `dmesg` shows what the kernel detected".to_owned()
                 }
                 false => format!("plugged in are: {}", there.join(", ")),
             };
@@ -170,7 +170,7 @@ impl Machine {
         };
         if !found.file_type().is_char_device() {
             let advice = "name the device node itself";
-            return Finding::bad("device", format!("{named} is no character device"), advice);
+            return Finding::bad("device", format!("{named} is not a character device"), advice);
         }
         let open = self.user == 0
             || (found.uid() == self.user && found.mode() & 0o600 == 0o600)
@@ -230,7 +230,7 @@ impl Machine {
                 Some(place) => Finding::ok("bus policy", *place),
                 None => Finding::bad(
                     "bus policy",
-                    "the system bus lets nobody own org.tactus.Tactus1",
+                    "no user is permitted to own org.tactus.Tactus1 on the system bus",
                     "copy systemd/org.tactus.Tactus1.conf to /usr/share/dbus-1/system.d/, then `sudo systemctl reload dbus`",
                 ),
             });
@@ -256,7 +256,7 @@ impl Machine {
             findings.push(match mode {
                 Ok(mode) if mode & 0o111 != 0 => Finding::ok(
                     "notify",
-                    format!("{program}; `tactus notify test` tries it"),
+                    format!("{program}; `tactus notify test` runs it"),
                 ),
                 Ok(_) => Finding::bad(
                     "notify",
@@ -299,7 +299,7 @@ impl Machine {
             // both are in whole seconds and queried one after the other
             if off.abs() > 60.0 {
                 let text = format!("wall clock and time since the boot disagree by {off:.0} s");
-                let advice = "the clock was set after the boot, or a container has another; frames carry both";
+                let advice = "the clock was set after the boot, or a container has another clock; frames have both times";
                 findings.push(Finding::warn("clock", text, advice));
             }
         }
@@ -322,7 +322,7 @@ impl Machine {
             Err(cause) => {
                 let text = format!("{shown}: {cause}");
                 let advice =
-                    "the daemon makes it at its start; systemd's StateDirectory= does as well";
+                    "the daemon creates it when it starts, as does systemd's StateDirectory=";
                 return vec![Finding::warn("record", text, advice)];
             }
         };
@@ -381,7 +381,7 @@ impl Machine {
 
 fn free_space(free: u64) -> Finding {
     let text = format!("{:.1} GB are free", free as f64 / 1e9);
-    let advice = "free some, or name another folder in [record] directory; `tactus status` says how long it lasts";
+    let advice = "free some, or name another folder in [record] directory; `tactus status` shows how long the space lasts";
     match free {
         free if free < CRITICAL_SPACE => Finding::bad("disk", text, advice),
         free if free < LOW_SPACE => Finding::warn("disk", text, advice),

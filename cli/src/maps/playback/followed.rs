@@ -79,7 +79,7 @@ impl Known {
         match &self.failed {
             Some(why) => Err(why.clone()),
             None => Err(format!(
-                "the baseline was followed through {} of {} frames by now; this map needs more",
+                "the baseline has been tracked through {} of {} frames so far; this map needs more",
                 self.done, self.total
             )),
         }
@@ -204,8 +204,8 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
             }
             if every > 1 && last_s.is_some_and(|last_s| at_s - last_s > hold_s) {
                 known.no_unrelieved = Some(format!(
-                    "time without relief is not known: of this long session every {every}th frame is looked at, and these lie \
-                     more than {hold_s} s apart"
+                    "time without relief is not known: of this long session only every {every}th frame is used, and \
+                     these are more than {hold_s} s apart"
                 ));
             }
             last_s = Some(at_s);

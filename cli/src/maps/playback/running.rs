@@ -99,7 +99,7 @@ impl RunningModel for RunningSession {
         Ok(ProvisionalMap {
             unit: PlayedMap::unit_of(unit),
             provisional: format!(
-                "provisional: {} until that of the session's method comes, {baseline}",
+                "provisional: {} until the map of the session's method is ready, {baseline}",
                 map.method
             ),
             values,

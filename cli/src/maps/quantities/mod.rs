@@ -53,8 +53,8 @@ pub(crate) fn run(
         && !has_times
     {
         return Err(Failure::Usage(format!(
-            "--every {} has no meaning: the frames of {} have no times, and all of them are one span; --each-frame prints those of \
-             each frame",
+            "--every {} has no effect: the frames of {} have no times, and all of them are one span; --each-frame \
+             prints the values of each frame",
             display_span(every),
             recording.name
         )));

@@ -16,7 +16,7 @@ pub(crate) fn none_stored(session: &str, rows: &[QuantityRow], left_out: &str) -
     (!has_values).then(|| {
         format!(
             "no stored minute of {session} has a map that could be used{left_out}; `tactus quantities {session} --recompute` \
-             computes them from the frames, or says why it cannot"
+             computes them from the frames, or prints why it cannot"
         )
     })
 }
@@ -50,7 +50,7 @@ impl UsableMaps {
             Some(first) => format!(
                 "no frame of {recording} has a map that can be used; {first}; `tactus replay` gives the reason for each frame"
             ),
-            None => format!("{recording} holds no readable frame"),
+            None => format!("{recording} has no readable frame"),
         })
     }
 }

@@ -174,14 +174,14 @@ fn check_comparable(session: &SessionParts) -> Result<(), Failure> {
     let header = session.header();
     if header.kind == SessionKind::Baseline {
         return Err(Failure::Failed(format!(
-            "session {} is a baseline: it is what maps are compared with and has none of its own; name a measurement \
+            "session {} is a baseline: it is the reference of maps and has no maps itself; name a measurement \
              (`tactus sessions`), or take --format csv",
             header.id
         )));
     }
     if session.baseline()?.is_none() {
         return Err(Failure::Failed(format!(
-            "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
+            "session {} has no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
             header.id, header.id
         )));
     }
@@ -239,7 +239,7 @@ fn finish(
 fn first_frame(session: &SessionParts) -> Result<Record, Failure> {
     session.frames().find_map(Result::ok).ok_or_else(|| {
         Failure::Failed(format!(
-            "session {} holds no readable frame, so there is nothing to export; `tactus sessions` lists the frames of each session",
+            "session {} has no readable frame, so there is nothing to export; `tactus sessions` lists the frames of each session",
             session.header().id
         ))
     })

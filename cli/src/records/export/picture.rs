@@ -42,8 +42,8 @@ pub(super) fn picture(
                 return Err(error.into());
             }
             return Err(Failure::Usage(format!(
-                "session {} has no frame {sequence}; its frames have the numbers {first} to {last}: name one of these with --frame or \
-                 --at, or leave both out for the last one",
+                "session {} has no frame {sequence}; its frames have the numbers {first} to {last}: name one of these \
+                 with --frame or --at, or omit both for the last one",
                 header.id
             )));
         }

@@ -168,7 +168,7 @@ pub(super) fn worst(
         }
     }
     let left_out = |why: String| {
-        format!("Left out: {without} of {looked_at} frames that were looked at; the first: {why}.")
+        format!("Left out: {without} of {looked_at} frames examined; the first: {why}.")
     };
     Ok(Moments {
         shown,

@@ -132,7 +132,7 @@ impl SessionRows {
             span_s,
             origin: format!(
                 "The session has no stored quantities of this method; they were computed for this report from {used} of {frames} \
-                 frames, evenly chosen: shorter events between these are not shown.{lost}"
+                 frames, evenly spaced: shorter events between these are not shown.{lost}"
             ),
         })
     }

@@ -91,7 +91,7 @@ pub(super) fn summary(facts: &Facts<'_>) -> Result<String, Failure> {
             if frames > 0 {
                 let share = sum / frames as f64;
                 let rest = match share < 1.0 {
-                    true => "; of the others nobody can tell how the sheet was loaded",
+                    true => "; for the others it is not known how the sheet was loaded",
                     false => "",
                 };
                 push(
@@ -189,7 +189,7 @@ pub(super) fn health(facts: &Facts<'_>) -> String {
         rows.push([(*fault).to_owned(), share(*count)]);
     }
     let mut html = match health.frames {
-        0 => "<p>The session holds no readable frame.</p>".to_owned(),
+        0 => "<p>The session has no readable frame.</p>".to_owned(),
         _ => table(&["readings of the frames", "frames"], &rows),
     };
     let findings: Vec<[String; 2]> = facts

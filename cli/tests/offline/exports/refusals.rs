@@ -25,7 +25,7 @@ fn a_session_without_frames_is_not_exported() {
     for format in FORMATS {
         let export = ["export", "b2027", "--format", format, "--out", "out.x"];
         let message = refused(folder.path(), &export, 1);
-        assert!(message.contains("holds no readable frame"), "{message}");
+        assert!(message.contains("has no readable frame"), "{message}");
         assert_eq!(left(folder.path()), before, "{format}");
     }
 }
@@ -66,7 +66,7 @@ fn maps_need_a_baseline_and_the_format() {
     let maps = ["--maps", "--preset", "disc-tank", "--out", "out.nc"];
     let bare = ["export", "bare", "--format", "nc"];
     let message = refused(folder.path(), &[&bare[..], &maps].concat(), 1);
-    assert!(message.contains("holds no baseline"), "{message}");
+    assert!(message.contains("has no baseline"), "{message}");
     let csv = ["export", "m2027", "--format", "csv"];
     let message = refused(folder.path(), &[&csv[..], &maps].concat(), 2);
     assert!(message.contains("--format nc"), "{message}");

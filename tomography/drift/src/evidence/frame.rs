@@ -44,7 +44,7 @@ pub struct MapDeviation {
 }
 
 impl MapDeviation {
-    /// The standard deviation of each triangle, NaN where the frame says nothing of it.
+    /// The standard deviation of each triangle, NaN if the frame gives no information about it.
     pub fn values(&self) -> Vec<f64> {
         let each = self.deviation.iter().zip(&self.resolved);
         each.map(|(sd, resolved)| if *resolved { *sd } else { f64::NAN })

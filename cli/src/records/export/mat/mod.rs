@@ -43,7 +43,7 @@ pub(super) fn write(
     if has_script {
         if export.out.extension().is_some_and(|ending| ending == "m") {
             return Err(Failure::Usage(format!(
-                "{}: the ending .m is that of the script beside the file; name a file that ends in .mat",
+                "{}: the extension .m is that of the script next to the file; name a file that ends in .mat",
                 export.out.display()
             )));
         }

@@ -123,7 +123,7 @@ impl Layout {
     pub(super) fn bytes(&self) -> Result<Vec<u8>, Failure> {
         let sink = Shared::default();
         let unwritten = |error: WriteError| {
-            Failure::Failed(format!("the netCDF file cannot be begun: {error:?}"))
+            Failure::Failed(format!("the netCDF file cannot be started: {error:?}"))
         };
         let mut writer =
             FileWriter::open_seek_write("", Box::new(sink.clone())).map_err(unwritten)?;
@@ -194,7 +194,7 @@ impl RecordBytes {
 }
 
 fn invalid(error: InvalidDataSet) -> Failure {
-    Failure::Failed(format!("the session makes no netCDF file: {error}"))
+    Failure::Failed(format!("the session cannot be written as a netCDF file: {error}"))
 }
 
 /// Bytes in memory that remain when the writer, which owns its output, is gone.

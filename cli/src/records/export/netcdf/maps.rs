@@ -24,7 +24,7 @@ pub(super) fn records(
         map_variable(layout, "pressure", "pressure by the calibration", "kPa")?;
     }
     if sd {
-        let deviation = "standard deviation of the change of ln conductance, NaN where the frame says nothing of it";
+        let deviation = "standard deviation of the change of ln conductance, NaN if the frame gives no information about it";
         map_variable(layout, "map_sd", deviation, "1")?;
     }
     Ok(())
