@@ -215,7 +215,7 @@ impl Alarms {
         for alarm in self.0.values_mut().filter(|alarm| alarm.removed) {
             alarm
                 .state
-                .forget_condition("its rule is not in the configuration any more");
+                .forget_condition("its rule is no longer in the configuration");
         }
         self.0
             .retain(|_, alarm| !alarm.removed || !alarm.state.acknowledged);

@@ -214,7 +214,7 @@ impl AlarmState {
         transitions.push(Transition {
             alarm: rule.name.clone(),
             kind: TransitionKind::Handled,
-            text: format!("is not shelved any more: {why}"),
+            text: format!("is no longer shelved: {why}"),
         });
     }
 

@@ -231,7 +231,7 @@ fn a_shelf_ends_when_the_clock_is_set_back() {
     assert!(alarms.get(NAME).unwrap().state.shelf.is_some());
     let changed = alarms.judge(NAME, SET_S - 30.0 * 86_400.0, Judgement::Within);
     let texts: Vec<_> = changed.iter().map(|one| one.text.as_str()).collect();
-    assert_eq!(texts, ["is not shelved any more: the clock was set back"]);
+    assert_eq!(texts, ["is no longer shelved: the clock was set back"]);
     assert!(alarms.get(NAME).unwrap().state.shelf.is_none());
 }
 

@@ -18,7 +18,7 @@ pub(crate) fn private_file(path: &Path) -> Result<String, String> {
     let wrong = |why: &str| format!("{}: {why}", path.display());
     let found = std::fs::metadata(path).map_err(|error| wrong(&error.to_string()))?;
     if !found.is_file() || found.len() > LONGEST {
-        return Err(wrong("is no file of one secret"));
+        return Err(wrong("is not a file with one secret"));
     }
     let mode = found.mode() & 0o777;
     if mode & 0o077 != 0 {

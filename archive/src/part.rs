@@ -47,10 +47,10 @@ pub enum PartError {
         source: std::io::Error,
     },
     /// It is not closed.
-    #[error("{} is not closed: it is archived when its session ends or goes on in the next part", .0.display())]
+    #[error("{} is not closed: it is archived when its session ends or continues in the next part", .0.display())]
     Open(PathBuf),
     /// Its last rows are in a journal beside it.
-    #[error("{} is closed, and its last rows are still in a journal beside it (-wal): while it runs, the daemon takes them into the file within a minute after nobody reads it", .0.display())]
+    #[error("{} is closed, but its last rows are still in a journal next to it (-wal): a running daemon moves them into the file within a minute after the last program has stopped reading it", .0.display())]
     Unfolded(PathBuf),
     /// The file was renamed or copied.
     #[error("{} holds part {id}: a copy is not archived, the file {id}.tactus is", path.display())]

@@ -27,11 +27,11 @@ pub enum ReadError {
     Retrieval(#[from] RetrievalError),
     /// No session has this name.
     #[error(
-        "the archive has no session '{0}' that this role may see; `tactus sessions --archive` lists what it has"
+        "the archive has no session '{0}' that this role may see; `tactus sessions --archive` lists its sessions"
     )]
     NoSuchSession(String),
     /// Several sessions have it.
-    #[error("'{name}' stands for several sessions of the archive: {}; write more of the name", .found.join(", "))]
+    #[error("'{name}' stands for several sessions of the archive: {}; write more characters of the name", .found.join(", "))]
     Ambiguous {
         /// The name.
         name: String,

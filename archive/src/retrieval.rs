@@ -25,7 +25,7 @@ pub enum RetrievalError {
     },
     /// A row of the catalogue would lead to another folder.
     #[error(
-        "'{0}' in the catalogue is no name of a site, machine, session or part: nothing is read or written"
+        "'{0}' in the catalogue is not the name of a site, machine, session or part: nothing is read or written"
     )]
     Name(String),
     /// Another file has its name.

@@ -106,7 +106,7 @@ impl Settings {
         let config = config.resolved(logbook::folder_of(path));
         let Some(archive) = config.archive else {
             let text = match reader {
-                true => "is missing: it says where the archive is",
+                true => "is missing: it locates the archive",
                 false => "is missing: without it nothing is archived",
             };
             return Err(SettingsError::Problems(vec![
@@ -188,7 +188,7 @@ fn bucket(archive: &ArchiveSection) -> Result<BucketAccess, (&'static str, Strin
     let name = archive.bucket().unwrap_or_default();
     let good = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);
     if name.is_empty() || !name.bytes().all(good) {
-        return Err(("store", format!("'{name}' is no bucket: write s3://BUCKET")));
+        return Err(("store", format!("'{name}' is not a bucket: write s3://BUCKET")));
     }
     let Some(endpoint) = archive.store_endpoint.clone() else {
         let text = "is missing: the address of the bucket's server, https://HOST";
@@ -199,7 +199,7 @@ fn bucket(archive: &ArchiveSection) -> Result<BucketAccess, (&'static str, Strin
     let keys = keys.map_err(|fault| ("store_keys_file", fault))?;
     let lines = keys.as_deref().and_then(|text| text.split_once('\n'));
     let Some((key, secret)) = lines else {
-        let text = "is missing, or has not two lines: the name of the key, and the key";
+        let text = "is missing, or does not have two lines: the name of the key, and the key";
         return Err(("store_keys_file", text.to_owned()));
     };
     let authorities = match &archive.store_ca {

@@ -394,7 +394,7 @@ impl Uploader {
         };
         logbook::mark_archived(&part.path, &receipt).map_err(|error| {
             format!(
-                "is archived, and its receipt cannot be written: {}",
+                "is archived, but its receipt cannot be written: {}",
                 survey::error_chain(&error)
             )
         })?;

@@ -61,7 +61,7 @@ pub enum ConnectError {
     },
     /// The socket exists, but this user may not use it.
     #[error(
-        "not allowed to talk to the daemon at {address}: {cause}; its user, root and the group tactus are"
+        "no permission to connect to the daemon at {address}: {cause}; its user, root and the group tactus have it"
     )]
     NotAuthorized {
         /// The address.

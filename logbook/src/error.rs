@@ -20,11 +20,11 @@ impl DiskFault {
     /// What to do about it.
     fn advice(self) -> &'static str {
         match self {
-            Self::Full => "make space on the disk; a session that runs goes on by itself",
+            Self::Full => "free space on the disk; a running session continues by itself",
             Self::Broken => {
-                "check the disk (`journalctl -k` shows its errors); a session that runs goes on in a new file"
+                "check the disk (`journalctl -k` shows its errors); a running session continues in a new file"
             }
-            Self::Refused => "make its folder exist and writable for this program",
+            Self::Refused => "create its folder, writable for this program",
         }
     }
 }
@@ -34,7 +34,7 @@ impl DiskFault {
 pub enum LogbookError {
     /// The disk took no more: full, failing, or no longer writable. Frames acknowledged before are safe.
     #[error(
-        "the disk refuses: cannot {attempt} {path}; earlier frames are safe; {}", fault.advice()
+        "the disk reports an error: cannot {attempt} {path}; earlier frames are safe; {}", fault.advice()
     )]
     DiskRefused {
         /// The file.
@@ -77,7 +77,7 @@ pub enum LogbookError {
         reason: String,
     },
     /// A part that another part continues cannot be written.
-    #[error("{path} goes on in {by}; resume that one")]
+    #[error("{path} continues in {by}; resume that one")]
     Continued {
         /// The file.
         path: PathBuf,
@@ -126,7 +126,7 @@ pub enum LogbookError {
         id: String,
     },
     /// The number of readings differs from the session's protocol.
-    #[error("a frame of {has} readings does not fit a session whose protocol asks {wants}")]
+    #[error("a frame of {has} readings does not fit a session whose protocol has {wants}")]
     WrongLength {
         /// Readings given.
         has: usize,
@@ -188,7 +188,7 @@ pub enum LogbookError {
         requested: String,
     },
     /// Several sessions begin with that prefix.
-    #[error("'{requested}' may be any of {candidates} in {dir}; write more of the id")]
+    #[error("'{requested}' may be any of {candidates} in {dir}; write more characters of the id")]
     Ambiguous {
         /// The folder.
         dir: PathBuf,

@@ -60,13 +60,13 @@ impl Existing {
 #[derive(Debug, thiserror::Error)]
 pub enum OutFileError {
     /// The file exists.
-    #[error("{} exists already: name another file, or replace it by --force where the command has it", .0.display())]
+    #[error("{} exists already: name another file, or replace it by --force if the command has this option", .0.display())]
     Exists(PathBuf),
     /// The folder contains files.
-    #[error("folder {} is not empty: name a new one, or write into it by --force where the command has it", .0.display())]
+    #[error("folder {} is not empty: name a new one, or write into it by --force if the command has this option", .0.display())]
     NotEmpty(PathBuf),
     /// The file is a recorded session or another database.
-    #[error("{} is a database, as recorded sessions are, and is never written over: name another file", .0.display())]
+    #[error("{} is a database, as recorded sessions are, and is never overwritten: name another file", .0.display())]
     Session(PathBuf),
     /// The name is reserved for session files.
     #[error("{} has the name of a recorded session or of a part of one (.tactus): give the file another ending", .0.display())]
@@ -75,14 +75,14 @@ pub enum OutFileError {
     #[error("{} is a folder: name a file in it", .0.display())]
     Folder(PathBuf),
     /// The path of the folder is a file.
-    #[error("{} is no folder: name another one", .0.display())]
+    #[error("{} is not a folder: name another one", .0.display())]
     NotFolder(PathBuf),
     /// A block device or a socket.
     #[error("{} is a block device or a socket, which is never written to: name a file", .0.display())]
     Special(PathBuf),
     /// A link or FIFO of another user in a folder that everybody may write to.
     #[error(
-        "{} leads through {}, a link or FIFO that another user made in a folder where everybody may write: name the place itself",
+        "{} leads through {}, a link or FIFO that another user made in a folder where everybody may write: name the target itself",
         .path.display(), .link.display()
     )]
     Foreign {

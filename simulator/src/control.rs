@@ -151,7 +151,7 @@ pub(crate) fn ask(path: Option<&Path>, line: &str) -> Result<Value, String> {
         .read_line(&mut answer)
         .map_err(with_path)?;
     let answer: Value = serde_json::from_str(&answer)
-        .map_err(|_| format!("{} does not answer as a simulated rig", path.display()))?;
+        .map_err(|_| format!("{} does not reply as a simulated rig", path.display()))?;
     match answer.get("error").and_then(Value::as_str) {
         Some(refusal) => Err(refusal.to_owned()),
         None => Ok(answer),

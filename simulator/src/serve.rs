@@ -118,7 +118,7 @@ pub enum ServeError {
     },
     /// An address that this machine does not have.
     #[error(
-        "{bind} is no address of this machine: name one of its own by --bind, 127.0.0.1 for this machine alone or 0.0.0.0 for all"
+        "{bind} is not an address of this machine: give one of its own by --bind, 127.0.0.1 for this machine alone or 0.0.0.0 for all"
     )]
     Address {
         /// Address or name.
@@ -346,7 +346,7 @@ async fn serial_port(rig: SimulatedRig, instrument: Instrument, path: PathBuf, f
         match plug(&path) {
             Ok(next) => pty = next,
             Err(fault) => {
-                tracing::warn!("the serial port of the {instrument} stays away: {fault}");
+                tracing::warn!("the serial port of the {instrument} cannot be opened again: {fault}");
                 return;
             }
         }

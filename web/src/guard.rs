@@ -17,7 +17,7 @@ pub struct HostName(String);
 
 /// A text that is no host name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no host name such as lab.example.org or lab.example.org:8443")]
+#[error("'{0}' is not a host name such as lab.example.org or lab.example.org:8443")]
 pub struct HostNameError(String);
 
 impl FromStr for HostName {

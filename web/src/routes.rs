@@ -117,7 +117,7 @@ async fn control(State(shared): State<Shared>, body: Bytes) -> Response {
     let call: Call = match serde_json::from_slice(&body) {
         Ok(call) => call,
         Err(error) => {
-            let text = format!("this is no command: {error}");
+            let text = format!("this is not a command: {error}");
             return refused(StatusCode::BAD_REQUEST, text).into_response();
         }
     };
@@ -166,7 +166,7 @@ fn kept(known: Option<OfSession<Arc<[u8]>>>) -> Response {
             Bytes::from_owner(map),
         )
             .into_response(),
-        None => (StatusCode::NOT_FOUND, "this map is not kept any more\n").into_response(),
+        None => (StatusCode::NOT_FOUND, "this map is no longer kept\n").into_response(),
     }
 }
 
@@ -177,7 +177,7 @@ async fn next_state(State(mut shared): State<Shared>, Path(known): Path<String>)
         return (StatusCode::BAD_REQUEST, "a version is a number\n").into_response();
     };
     let Ok(_permit) = Arc::clone(&shared.waiting).try_acquire_owned() else {
-        let text = format!("{WAITING} pages follow already; close one\n");
+        let text = format!("{WAITING} pages are connected already; close one\n");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
     let mut changes = shared.live.subscribe();

@@ -79,7 +79,7 @@ fn parsed(access: &Access) -> Result<(Config, Endpoint), CatalogueError> {
         ))
     })?;
     if config.get_password().is_some() {
-        return Err(wrong("has a password, which everybody who reads the configuration would know: put it in archive.password_file".into()));
+        return Err(wrong("has a password, which everybody who can read the configuration would see: put it in archive.password_file".into()));
     }
     let role = config
         .get_user()

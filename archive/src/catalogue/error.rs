@@ -24,7 +24,7 @@ pub enum CatalogueError {
     Password(String),
     /// The server cannot be reached.
     #[error(
-        "cannot reach PostgreSQL at {place}; it may be down, or archive.dsn names another place"
+        "cannot reach PostgreSQL at {place}; it may be down, or archive.dsn has the wrong address"
     )]
     Unreachable {
         /// Hosts and port.
@@ -119,7 +119,7 @@ pub enum CatalogueError {
     },
     /// A part of this name is there with another content.
     #[error(
-        "{part} is in the archive with another content (SHA-256 {archived}, this file has {found}): one of them was altered, or two machines use the name {site}/{daq}; the archive keeps what it has"
+        "{part} is in the archive with another content (SHA-256 {archived}, this file has {found}): one of them was altered, or two machines use the name {site}/{daq}; the archive keeps its copy"
     )]
     Conflict {
         /// The part.
@@ -134,7 +134,7 @@ pub enum CatalogueError {
         found: String,
     },
     /// No answer in time.
-    #[error("PostgreSQL at {place} did not answer within {seconds} s")]
+    #[error("PostgreSQL at {place} did not reply within {seconds} s")]
     Late {
         /// Hosts and port.
         place: String,

@@ -34,7 +34,7 @@ impl FromStr for ArchivedName {
         };
         if session.is_empty() || site.is_some_and(str::is_empty) || daq.is_some_and(str::is_empty) {
             return Err(format!(
-                "'{text}' is no session of an archive: write SITE/DAQ/SESSION, or SESSION alone: an id, the beginning of one, or \
+                "'{text}' is not a session of an archive: write SITE/DAQ/SESSION, or SESSION alone: an id, the beginning of one, or \
                  `last`"
             ));
         }

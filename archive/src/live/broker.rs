@@ -104,7 +104,7 @@ impl Broker {
             ConnectionError::ConnectionRefused(
                 ConnectReturnCode::RefusedProtocolVersion
                 | ConnectReturnCode::UnsupportedProtocolVersion,
-            ) => format!("{place} is no broker of MQTT 5 ({cause})"),
+            ) => format!("{place} is not an MQTT 5 broker ({cause})"),
             ConnectionError::MqttState(StateError::ServerDisconnect {
                 reason_code: DisconnectReasonCode::SessionTakenOver,
                 ..
@@ -118,7 +118,7 @@ impl Broker {
             ),
             ConnectionError::Io(_) => {
                 format!(
-                    "cannot reach {place}; it may be down, or mqtt.host names another place ({cause})"
+                    "cannot reach {place}; it may be down, or mqtt.host is the wrong address ({cause})"
                 )
             }
             _ => format!("{place}: {cause}"),
@@ -140,7 +140,7 @@ pub(super) async fn deliver(broker: &Broker, latest: &Latest) {
             (wait, before) = (Duration::from_secs(1), String::new());
         }
         if why != before {
-            eprintln!("tactus-archive: mqtt: {why}; tried again until it succeeds");
+            eprintln!("tactus-archive: mqtt: {why}; the connection is tried again until it succeeds");
             before = why;
         }
         sleep(wait).await;
@@ -182,7 +182,7 @@ async fn connection(broker: &Broker, latest: &Latest, connected: &mut dyn FnMut(
         match event {
             Err(_) => {
                 return format!(
-                    "{} did not answer within {} s",
+                    "{} did not reply within {} s",
                     broker.place,
                     silence.as_secs()
                 );

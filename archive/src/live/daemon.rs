@@ -45,7 +45,7 @@ async fn connected(
 ) -> Result<(), Failure> {
     let late = |_| {
         format!(
-            "the daemon at {address} did not answer within {} s",
+            "the daemon at {address} did not reply within {} s",
             PATIENCE.as_secs()
         )
     };

@@ -76,7 +76,7 @@ impl LiveSettings {
         }
         let prefix = mqtt.home_assistant.as_deref();
         if prefix.is_some_and(|prefix| prefix.is_empty() || prefix.contains(['+', '#', '\0'])) {
-            let text = "is no topic: write for example \"homeassistant\"";
+            let text = "is not a topic: write for example \"homeassistant\"";
             return Err(("home_assistant", text.to_owned()));
         }
         let daemon = match bus {

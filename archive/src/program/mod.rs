@@ -131,7 +131,7 @@ async fn status(settings: &Settings, printer: &mut Printer) -> Result<(), Failur
         (0, 0) => Ok(()),
         (0, count) => Err(Failure::Failed(format!("{count} problems: see above"))),
         (count, _) => Err(Failure::Failed(format!(
-            "{count} closed parts are not archived; `tactus-archive push` takes them there"
+            "{count} closed parts are not archived; `tactus-archive push` archives them"
         ))),
     }
 }
@@ -140,7 +140,7 @@ async fn pull(settings: &Settings, requested: &Pull, printer: &mut Printer) -> R
     if !requested.into.is_dir() {
         let folder = requested.into.display();
         return Err(Failure::Usage(format!(
-            "--into: {folder} is no folder: create it first"
+            "--into: {folder} is not a folder: create it first"
         )));
     }
     let catalogue = Catalogue::connect(&settings.access).await?;

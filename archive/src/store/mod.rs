@@ -55,7 +55,7 @@ pub fn name_fault(name: &str) -> Option<String> {
     let allowed = begins && name.len() <= 64 && name.bytes().all(good);
     (!allowed).then(|| {
         format!(
-            "'{name}' is no name: use a to z, 0 to 9, _ and -, with a letter or digit first (1 to 64 of them)"
+            "'{name}' is not a name: use a to z, 0 to 9, _ and -, with a letter or digit first (1 to 64 of them)"
         )
     })
 }
@@ -92,7 +92,7 @@ pub trait Store {
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// No space, or no quota.
-    #[error("the store {place} is full: make space there; nothing of {name} was kept")]
+    #[error("the store {place} is full: free space there; nothing of {name} was kept")]
     Full {
         /// The store.
         place: String,
@@ -133,14 +133,14 @@ pub enum StoreError {
         name: String,
     },
     /// The store does not exist.
-    #[error("the store {} is not there: mount or create it (it is not created, so that an unmounted share is not taken for an empty store)", path.display())]
+    #[error("the store {} does not exist: mount or create it (it is not created, so that an unmounted share is not taken for an empty store)", path.display())]
     NoStore {
         /// The folder.
         path: PathBuf,
     },
     /// The server of a bucket cannot be reached.
     #[error(
-        "cannot reach the store {place}; its server may be down, or archive.store_endpoint names another place"
+        "cannot reach the store {place}; its server may be down, or archive.store_endpoint is the wrong address"
     )]
     Unreachable {
         /// The store.
@@ -151,7 +151,7 @@ pub enum StoreError {
     },
     /// The certificate of a bucket's server is not trusted, or it has none.
     #[error(
-        "no trusted connection to the store {place}: its certificate must be issued by archive.store_ca for this host name, and the clock of this machine right"
+        "no trusted connection to the store {place}: its certificate must be issued by archive.store_ca for this host name, and the clock of this machine must be right"
     )]
     Untrusted {
         /// The store.

@@ -55,7 +55,7 @@ impl Objects {
         let endpoint = &access.endpoint;
         let url = endpoint
             .parse()
-            .map_err(|fault| format!("'{endpoint}' is no address: {fault}; write https://HOST"))?;
+            .map_err(|fault| format!("'{endpoint}' is not an address: {fault}; write https://HOST"))?;
         let bucket = Bucket::new(
             url,
             UrlStyle::Path,
@@ -63,7 +63,7 @@ impl Objects {
             access.region.clone(),
         )
         .map_err(|fault| {
-            format!("'{endpoint}' is no address of a bucket: {fault}; write https://HOST")
+            format!("'{endpoint}' is not the address of a bucket: {fault}; write https://HOST")
         })?;
         let encrypted = endpoint.starts_with("https://");
         let host = bucket
@@ -200,7 +200,7 @@ impl Store for Objects {
         if bytes > LARGEST {
             return Err(io(Error::new(
                 ErrorKind::FileTooLarge,
-                "S3 takes 5 GiB in one piece: lower record.roll_mb",
+                "S3 accepts at most 5 GiB in one object: lower record.roll_mb",
             )));
         }
         let key = name.to_string();

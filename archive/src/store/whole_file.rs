@@ -15,7 +15,7 @@ const UNFINISHED: &str = "unfinished";
 #[derive(Debug, thiserror::Error)]
 pub enum WholeFileError {
     /// The content that came has another hash.
-    #[error("the content has SHA-256 {found}, not the one of its name; nothing was kept")]
+    #[error("the content has SHA-256 {found}, not that of its name; nothing was kept")]
     Source {
         /// Hash of what came.
         found: String,

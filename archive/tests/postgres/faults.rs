@@ -75,7 +75,7 @@ fn part_closed_while_it_is_read_waits_for_its_last_rows() {
     assert_eq!(output.status.code(), Some(1));
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(
-        text.contains("NOT ARCHIVED") && text.contains("journal beside it"),
+        text.contains("NOT ARCHIVED") && text.contains("journal next to it"),
         "{text}"
     );
     assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "0");
@@ -277,7 +277,7 @@ fn full_store_is_reported_and_goes_on_when_there_is_space() {
         .status();
     let error = String::from_utf8_lossy(&first.stderr);
     assert_eq!(first.status.code(), Some(75), "{error}");
-    assert!(error.contains("is full: make space there"), "{error}");
+    assert!(error.contains("is full: free space there"), "{error}");
     assert!(
         parts == "2" && unfinished == 0,
         "{parts} parts, {unfinished} unfinished files"

@@ -154,7 +154,7 @@ fn describe(measuring: &Measuring) -> String {
     }
     let ranges = if measuring.planned_ranges {
         format!(
-            "one for each reading: {} changes in a frame, {} in all; noise {:.3} rms ({:.3} median) instead of {:.3}",
+            "one for each reading: {} changes in a frame take {}; noise {:.3} rms ({:.3} median) instead of {:.3}",
             measuring.range_changes,
             seconds(measuring.range_time_s),
             Volts(measuring.noise_v),

@@ -115,7 +115,7 @@ fn describe(line: &VerifyLine) -> String {
     );
     for gap in explained {
         text.push_str(&format!(
-            "\n  gap of {:.1} s behind frame {}: {}",
+            "\n  gap of {:.1} s after frame {}: {}",
             gap.seconds,
             gap.after,
             gap.explained.as_deref().unwrap_or_default()

@@ -270,7 +270,7 @@ impl fmt::Display for State {
 
 /// A reply that does not have the expected form.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is not four electrodes")]
+#[error("'{0}' does not name four electrodes")]
 pub struct NotAState(String);
 
 impl FromStr for State {

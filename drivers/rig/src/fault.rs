@@ -73,7 +73,7 @@ pub enum RigError {
     },
     /// The source's interlock is open, or was since the last query: its output is off.
     #[error(
-        "{instrument}: the interlock is open, or was during this; it keeps the output off until it is closed"
+        "{instrument}: the interlock is open, or was opened meanwhile; it keeps the output off until it is closed"
     )]
     Interlock {
         /// Name and address.
@@ -128,7 +128,7 @@ pub enum RigError {
         allowed: String,
     },
     /// A scan returned another number of readings than it has channels.
-    #[error("the scan answered {came} readings where {expected} pairs are scanned")]
+    #[error("the scan returned {came} readings for {expected} scanned pairs")]
     ReadingCount {
         /// Readings that came.
         came: usize,

@@ -74,7 +74,7 @@ pub enum StartError {
     Unreadable(#[from] RigError),
     /// Relays are closed before any command: latching relays survive a power cycle.
     #[error(
-        "injecting relays closed before anything was asked of them: {}; see why, then open them with `tactus instruments \
+        "injecting relays were closed before any command: {}; find the cause, then open them with `tactus instruments \
          open-all` (or tactusd --safe-off)",
         name_relays(.0)
     )]

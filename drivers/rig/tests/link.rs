@@ -266,7 +266,7 @@ async fn unrequested_replies_are_refused() {
     let fault = link.ask("READ?").await.unwrap_err();
     assert_eq!(
         fault.to_string(),
-        "peer sent '+1.0E+00' that was not asked for"
+        "peer sent '+1.0E+00' without a query"
     );
 }
 

@@ -93,8 +93,8 @@ fn warn_of_coarse_electrodes(case: &Case) {
     if !coarse.is_empty() {
         let names: Vec<String> = coarse.iter().map(ToString::to_string).collect();
         eprintln!(
-            "tactus-lab: electrode{} {} of {} {} fewer than {} edges: the resistance is the mesh's rather than the \
-             electrode's",
+            "tactus-lab: electrode{} {} of {} {} fewer than {} edges: the result is the resistance of the mesh rather \
+             than that of the electrode",
             if names.len() == 1 { "" } else { "s" },
             names.join(", "),
             case.mesh.electrodes(),

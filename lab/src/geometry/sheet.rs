@@ -44,8 +44,8 @@ pub(crate) fn sheet(options: &SheetOptions) -> Result<(), Failure> {
         print_line!("{}", survey::printable_json(line.to_string()));
     } else {
         print_line!(
-            "{}: conductance uneven by {:.1} % (rms), {:.3} times the nominal readings; the readings of the baseline are met within {:.2} % \
-             (rms), by the nominal sheet within {:.1} %",
+            "{}: conductance uneven by {:.1} % (rms), {:.3} times the nominal readings; it explains the readings of \
+             the baseline within {:.2} % (rms), the nominal sheet within {:.1} %",
             options.out.display(),
             100.0 * fit.unevenness,
             fit.gain,

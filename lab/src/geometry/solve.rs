@@ -28,7 +28,7 @@ pub(crate) fn forward(options: &ForwardOptions) -> Result<(), Failure> {
     let conductances = conductances(options, &case)?;
     if options.potentials.is_some() && conductances.len() != 1 {
         return Err(Failure::usage(
-            "--potentials takes one conductance; ask for one at a time",
+            "--potentials takes one conductance; give one at a time",
         ));
     }
     let model = model(&case)?;
@@ -186,7 +186,7 @@ pub(crate) fn jacobian(options: &JacobianOptions) -> Result<(), Failure> {
     let mut jacobian = match options.of {
         Of::Contact if options.region || options.cells_mm.is_some() => {
             return Err(Failure::usage(
-                "--of contact has a column an electrode; --region and --cells-mm have no meaning with it",
+                "--of contact has a column per electrode; --region and --cells-mm do not apply to it",
             ));
         }
         Of::Contact => model.contact_jacobian(&sigma, &case.protocol),

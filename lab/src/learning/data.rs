@@ -91,7 +91,7 @@ fn check_options(options: &DataOptions) -> Result<(), Failure> {
     let refused = |option: &str, of: &str, advice: &str| {
         let profile = options.profile.name();
         Err(Failure::usage(format!(
-            "{option} belongs to --profile {of} and has no meaning with --profile {profile}; {advice}"
+            "{option} belongs to --profile {of} and does not apply to --profile {profile}; {advice}"
         )))
     };
     let levels = !options.noise_v.is_empty();
@@ -100,21 +100,21 @@ fn check_options(options: &DataOptions) -> Result<(), Failure> {
         Profile::Paper if levels => refused(
             "--noise-v",
             "matched and months",
-            "state the jitter by --gamma",
+            "give the jitter by --gamma",
         ),
         Profile::Paper if frames => {
-            refused("--noise-frames", "matched", "state the jitter by --gamma")
+            refused("--noise-frames", "matched", "give the jitter by --gamma")
         }
         Profile::Matched | Profile::Months if options.gamma.is_some() => {
-            refused("--gamma", "paper", "state the noise by --noise-v")
+            refused("--gamma", "paper", "give the noise by --noise-v")
         }
         Profile::Matched if levels && frames => Err(Failure::usage(
-            "--noise-v and --noise-frames both state the noise of --profile matched; leave one of them out",
+            "--noise-v and --noise-frames both set the noise of --profile matched; leave one of them out",
         )),
         Profile::Months if frames => refused(
             "--noise-frames",
             "matched",
-            "state the noise by --noise-v: frames of an unloaded sheet contain its drift only if they span months",
+            "give the noise by --noise-v: frames of an unloaded sheet contain its drift only if they span months",
         ),
         Profile::Paper | Profile::Matched | Profile::Months => Ok(()),
     }

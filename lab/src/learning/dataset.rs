@@ -30,7 +30,7 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
     let made = make(options, &case, &settings, &stop)?;
     match made.sha256 {
         None => print_line!(
-            "{}: is there already, {} cases",
+            "{}: exists already, {} cases",
             made.file.display(),
             made.cases.len()
         ),

@@ -49,7 +49,7 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
         Some(path) => path.clone(),
         None if outfile::is_stream(&options.out) => {
             return Err(Failure::usage(format!(
-                "{} is no file, so nothing can be kept beside it: say by --checkpoint where the training is kept",
+                "{} is not a file, so no checkpoint can be written next to it: give the checkpoint by --checkpoint FILE",
                 options.out.display()
             )));
         }
@@ -184,10 +184,10 @@ fn without_effect(options: &DataOptions, given: &toml::Table) -> Option<String> 
     let stated = noise.into_iter().find(|(_, stated)| *stated);
     let why = |key: &String| match (key.as_str(), stated) {
         (key, _) if OF_RBF.contains(&key) => Some(format!(
-            "data.{key} is a setting of RBF networks and has no meaning for a deep one"
+            "data.{key} is a setting of RBF networks and does not apply to a deep one"
         )),
         ("jitter", Some((option, _))) => Some(format!(
-            "data.jitter and {option} both state the noise; leave one of them out"
+            "data.jitter and {option} both set the noise; leave one of them out"
         )),
         (key, _) if options.dataset.is_some() && !OF_TRAINING.contains(&key) => Some(format!(
             "data.{key} is that of the set of --dataset; `tactus-lab dataset --settings FILE` makes a set with another"
@@ -312,7 +312,7 @@ impl Watch {
         let mut bar = self.bar.borrow_mut();
         match moment {
             TrainingEvent::Resumed { epochs } => eprintln!(
-                "tactus-lab: going on from a checkpoint after epoch {epochs} of {}",
+                "tactus-lab: continuing from the checkpoint after epoch {epochs} of {}",
                 settings.epochs
             ),
             TrainingEvent::Step { step, of, .. } => bar

@@ -42,7 +42,7 @@ pub(super) fn check_noise(largest: f64, levels: &[f64], confirmed: bool) -> Resu
         })?;
         if *level > PLAUSIBLE_NOISE_V && !confirmed {
             return Err(Failure::usage(format!(
-                "--noise-v {level}: {:.3} of noise in one reading is more than {}; is it in volts? 2 uV are 2e-6. --yes trains for it",
+                "--noise-v {level}: {:.3} of noise in one reading is more than {}; is it in volts? 2 uV are 2e-6. --yes trains for it nevertheless",
                 Volts(*level),
                 Volts(PLAUSIBLE_NOISE_V)
             )));

@@ -32,7 +32,7 @@ pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> R
         && presses.all.iter().any(|press| press.loss.is_some())
     {
         return Err(Failure::usage(format!(
-            "--loss {loss} has no meaning: {} has the loss of each press in its column loss; leave one of them out",
+            "--loss {loss} does not apply: {} has the loss of each press in its column loss; leave one of them out",
             presses.file.display()
         )));
     }
@@ -84,7 +84,7 @@ pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> R
     )?;
     match made.sha256 {
         None => print_line!(
-            "{}: is there already, {} presses",
+            "{}: exists already, {} presses",
             made.file.display(),
             made.cases.len()
         ),
@@ -185,7 +185,7 @@ fn check_count(presses: usize, readings: usize, confirmed: bool) -> Result<(), F
     }
     Err(Failure::usage(format!(
         "{presses} presses for {readings} readings: a linear map has {readings} unknowns for each triangle, so that {} more presses are \
-         needed to determine them. --yes makes the set nevertheless: the noise of the training then decides what the presses leave open",
+         needed to determine them. --yes makes the set nevertheless: the noise of the training then determines what the presses do not",
         readings - presses
     )))
 }

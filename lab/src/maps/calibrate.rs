@@ -59,7 +59,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let calibration = Calibration::fit(&case.mesh, &known)
         .map_err(|fault| Failure::of("no calibration", &fault))?;
     let text = toml::to_string_pretty(&calibration)
-        .map_err(|fault| Failure::of("the calibration cannot be written down", &fault))?;
+        .map_err(|fault| Failure::of("the calibration cannot be written as TOML", &fault))?;
     write(&options.out, options.replacing.existing(), text)?;
     if options.json {
         let line = serde_json::json!({

@@ -128,7 +128,7 @@ fn images(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Failure> {
     }
     if files.is_empty() {
         return Err(Failure::because(format!(
-            "{}: no image there (CSV files, a row of pixels a line, NaN outside)",
+            "{}: the folder has no image (CSV files, one line per row of pixels, NaN outside)",
             folder.display()
         )));
     }

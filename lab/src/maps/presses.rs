@@ -116,7 +116,7 @@ impl Presses {
             let number = |end: Option<&u64>| end.copied().unwrap_or(1);
             let label = |end: Option<&LabelledReadings>| end.map_or("", |(label, _)| label).to_owned();
             let why = format!(
-                "frame {} is not there; there are {}, numbered {} to {}, with the labels '{}' to '{}'",
+                "frame {} does not exist; there are {} frames, numbered {} to {}, with the labels '{}' to '{}'",
                 press.frame,
                 numbers.len(),
                 number(numbers.first()),

@@ -39,7 +39,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     }
     if options.tracked.tracked == Some(true) && options.method.removes_drift() {
         return Err(Failure::usage(
-            "--drift frame is for frames whose baseline is not followed; leave it or --tracked out",
+            "--drift frame is for frames whose baseline is not tracked; omit it or --tracked",
         ));
     }
     let recording = frames(options, case.protocol.len())?;
@@ -81,7 +81,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 Ok(Some(found)) => found.values(),
                 Ok(None) => {
                     return Err(Failure::usage(
-                        "--sd needs a case whose sheet explains the baseline; the note above says why this one does not",
+                        "--sd needs a case whose sheet explains the baseline; the note above states why this one does not",
                     ));
                 }
                 // its map is written all the same

@@ -214,7 +214,7 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         ),
         (
             EffectStatus::Negligible,
-            "named, though negligible: the scene could do without",
+            "named, though negligible: the scene could omit them",
         ),
     ] {
         let names = of(verdict);

@@ -57,7 +57,7 @@ fn check(scenes: &[String]) -> Result<(), Failure> {
     match wrong {
         0 => Ok(()),
         _ => Err(Failure::because(format!(
-            "{wrong} of {} scenes cannot be had",
+            "{wrong} of {} scenes cannot be loaded",
             scenes.len()
         ))),
     }

@@ -53,7 +53,7 @@ impl Session {
             config_toml,
             build: concat!("tactus-lab ", env!("CARGO_PKG_VERSION")).to_owned(),
             note: format!(
-                "scene '{}', straight from the simulated sheet, in virtual time that begins with the year 2000",
+                "scene '{}', directly from the simulated sheet, in virtual time that begins with the year 2000",
                 scene.name
             ),
             ..SessionHeader::new(
@@ -71,7 +71,7 @@ impl Session {
                 range: scan.range,
                 nplc: scan.nplc,
                 settle: scan.settle,
-                wiring: "none: straight from the sheet".to_owned(),
+                wiring: "none: directly from the sheet".to_owned(),
                 precautions: Precautions::default(),
             },
             lasts: scan.frame_time(),

@@ -97,7 +97,7 @@ pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
         Ok(())
     } else {
         Err(Failure::because(format!(
-            "the bound of case {} is broken",
+            "the bound of case {} does not hold",
             broken.join(", ")
         )))
     }

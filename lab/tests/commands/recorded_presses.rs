@@ -62,7 +62,7 @@ fn a_map_learnt_from_recorded_presses_finds_others() {
         made.contains("620 presses") && made.contains("largest reading"),
         "{made}"
     );
-    assert!(printed(line, &[&known, &known, &set]).contains("is there already"));
+    assert!(printed(line, &[&known, &known, &set]).contains("exists already"));
     let trained = printed(TRAIN, &[&set, &known, &model]);
     let line = "reconstruct --case {} --model {} --frames {} --out {}";
     done(&words(

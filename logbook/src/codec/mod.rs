@@ -60,7 +60,7 @@ pub enum EncodeError {
     #[error("{0} readings; a frame holds 65,535 at most")]
     TooMany(usize),
     /// No frames, more than [`MOST_FRAMES`], or frames of several lengths.
-    #[error("{0} frames cannot be packed together: hand over 1 to {most} of the same length", most = MOST_FRAMES)]
+    #[error("{0} frames cannot be packed together: pass 1 to {most} of the same length", most = MOST_FRAMES)]
     Frames(usize),
     /// pco refuses.
     #[error("the readings cannot be packed: {0}")]

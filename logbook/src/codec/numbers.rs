@@ -63,7 +63,7 @@ fn chunk<T: Number + Into<i64>>(
         return Err(DecodeError::of("its numbers are coded in another way"));
     }
     let DecompressorItem::Chunk(mut chunk) = file.chunk_decompressor::<T, _>(rest)? else {
-        return Err(DecodeError::of("it is longer than it says"));
+        return Err(DecodeError::of("it is longer than it states"));
     };
     if chunk.n() > most {
         return Err(DecodeError::of("it holds more numbers than readings"));
@@ -73,7 +73,7 @@ fn chunk<T: Number + Into<i64>>(
         return Err(DecodeError::of("it ends early"));
     }
     if chunk.into_src() != END {
-        return Err(DecodeError::of("it is longer than it says"));
+        return Err(DecodeError::of("it is longer than it states"));
     }
     Ok(numbers.into_iter().map(Into::into).collect())
 }

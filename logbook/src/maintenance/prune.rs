@@ -171,13 +171,13 @@ pub fn prune(
         } else if retention.exported_only && exported(&session.path).is_none() {
             Some("it has not been exported")
         } else if retention.archived_only && super::receipts::archived(&session.path).is_none() {
-            Some("the archive has no receipt for it as it is now")
+            Some("the archive has no receipt for its present content")
         } else if session.kind == SessionKind::Baseline
             && needed
                 .get_or_insert_with(|| needed_baselines(&sessions, &going))
                 .contains(&session.id)
         {
-            Some("a session that stays was measured against it")
+            Some("a session that is kept was measured against it")
         } else {
             None
         };
@@ -244,7 +244,7 @@ fn due(
     }
     match retention.keep_bytes {
         Some(most) if left > most => {
-            return Some(format!("sessions take {left} bytes, {most} may stay"));
+            return Some(format!("sessions take {left} bytes, {most} are allowed"));
         }
         _ => {}
     }

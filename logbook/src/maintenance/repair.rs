@@ -125,7 +125,7 @@ pub fn repair(
     // Unreadable rows behind the last whole frame may never have existed.
     let last = writer.acknowledged();
     if repaired.cut.iter().any(|cut| cut.last > last) {
-        let text = format!("behind frame {last} nothing can be read");
+        let text = format!("after frame {last} nothing can be read");
         repaired.lost.push(text);
     }
     repaired.cut.retain_mut(|cut| {

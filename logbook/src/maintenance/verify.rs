@@ -104,7 +104,7 @@ pub fn verify(
             &part,
             "gap",
             format!(
-                "{:.1} s without a frame behind frame {}, and no event says why",
+                "{:.1} s without a frame after frame {}, and no event explains it",
                 gap.seconds, gap.after
             ),
         );
@@ -270,7 +270,7 @@ impl VerifyState {
             };
             let is_known = ids.contains(&next) || self.strangers.iter().any(|(id, _)| id == next);
             if !is_known && !pruned_parts(folder).contains(next) {
-                let text = format!("it was closed as continued in {next}, which is not there");
+                let text = format!("it was closed as continued in {next}, which is missing");
                 found.push((id.clone(), "chain", text));
             }
         }
@@ -305,12 +305,12 @@ impl VerifyState {
             }
             (Some(earlier), _) => {
                 if !pruned_parts(folder).contains(earlier) {
-                    let text = format!("it goes on from {earlier}, which is not there");
+                    let text = format!("it continues {earlier}, which is missing");
                     self.found(id, "chain", text);
                 }
             }
             (None, Some(before)) => {
-                let text = format!("it is named as a part behind {before} and goes on from none");
+                let text = format!("it is named as a part after {before}, but continues none");
                 self.found(id, "chain", text);
             }
         }
@@ -320,7 +320,7 @@ impl VerifyState {
         let cut = format!("frames {from} to {to} ");
         let is_cut = |event: &Event| event.kind == CUT && event.text.starts_with(&cut);
         if !self.events.iter().any(is_cut) {
-            let text = format!("frames {from} to {to} are not there");
+            let text = format!("frames {from} to {to} are missing");
             self.found(part, "missing", text);
         }
     }

@@ -119,7 +119,7 @@ impl SessionReader {
         if number("application_id")? != i64::from(schema::APPLICATION_ID) {
             return Err(LogbookError::NotASession {
                 path,
-                why: "its application id is another (or its writer was killed before the header was written)"
+                why: "it has another application id (or its writer was killed before the header was written)"
                     .into(),
             });
         }

@@ -106,7 +106,7 @@ pub(crate) fn open(
             path: path.to_owned(),
             place: "its folder".into(),
             why: format!(
-                "{} lies beside it, which no session has while it is written; move that file away",
+                "{} is next to it, which is never so for a session that is being written; move that file away",
                 journal.display()
             ),
         });

@@ -348,7 +348,7 @@ impl SessionWriter {
             path: self.path.clone(),
             attempt: "write anything more to",
             fault: DiskFault::Broken,
-            source: "after an I/O error nobody knows what reached the disk".into(),
+            source: "after an I/O error it is not known what reached the disk".into(),
         })
     }
 

@@ -34,7 +34,7 @@ pub enum LoadNetwork {
 
 /// Text that does not describe a load.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{words}' is no load: {reason}")]
+#[error("'{words}' is not a load: {reason}")]
 pub struct LoadNetworkError {
     /// The text.
     pub words: String,
@@ -127,7 +127,7 @@ impl FromStr for LoadNetwork {
             let number = word.parse().ok();
             number
                 .filter(|number| *number > 0)
-                .ok_or_else(|| format!("terminals are counted from 1; '{word}' is none"))
+                .ok_or_else(|| format!("terminals are counted from 1; '{word}' is not a terminal"))
         };
         let words: Vec<&str> = text.split_whitespace().collect();
         let load = match words.as_slice() {
@@ -185,7 +185,7 @@ mod tests {
             ("mesh", "it is written sheet, nothing,"),
         ] {
             let refusal = words.parse::<LoadNetwork>().unwrap_err().to_string();
-            let expected = format!("'{words}' is no load: {reason}");
+            let expected = format!("'{words}' is not a load: {reason}");
             assert!(refusal.starts_with(&expected), "{refusal}");
         }
     }

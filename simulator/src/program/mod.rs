@@ -264,7 +264,7 @@ fn show(of: &Control, json: bool) -> ExitCode {
             return Ok(status.to_string());
         }
         let status: crate::Status = serde_json::from_value(status)
-            .map_err(|fault| format!("the rig is asked for something else: {fault}"))?;
+            .map_err(|fault| format!("a command to the rig is not valid: {fault}"))?;
         Ok(status.to_string())
     });
     match reported {

@@ -87,7 +87,7 @@ impl SetupArguments {
         }
         if let Some(ohms) = self.ohms {
             if ohms.is_nan() || ohms < 0.0 {
-                return Err(format!("{ohms} ohm cannot hang on terminals").into());
+                return Err(format!("{ohms} ohm cannot be connected to terminals").into());
             }
             setup.ohms = ohms;
         }
@@ -160,7 +160,7 @@ pub(super) fn play(options: &Replay) -> ExitCode {
         comparison,
     ) {
         Ok(played) => print_line(&format!(
-            "{} messages, {} replies: the simulators answer as recorded",
+            "{} messages, {} replies: the simulators reply as recorded",
             played.messages, played.replies
         )),
         Err(fault) => fail(&fault, 1),

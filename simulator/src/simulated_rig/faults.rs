@@ -137,7 +137,7 @@ impl SimulatedRig {
         let due = self.instruments().take_due_faults();
         for fault in due {
             if let Err(refusal) = self.fault(&fault) {
-                tracing::warn!("the time line's fault '{fault}' cannot be: {refusal}");
+                tracing::warn!("the fault '{fault}' of the time line is not possible: {refusal}");
             }
         }
     }

@@ -27,7 +27,7 @@ pub enum RigError {
     #[error("the simulated sheet cannot be made")]
     Sheet(#[from] PhantomError),
     /// The profile's board supports fewer electrodes.
-    #[error("the scene has {electrodes} electrodes, {what} holds {most}")]
+    #[error("the scene has {electrodes} electrodes, {what} has room for {most}")]
     Electrodes {
         /// Electrodes of the scene.
         electrodes: usize,

@@ -128,7 +128,7 @@ pub enum GoldenError {
     },
     /// The simulator's reply differs.
     #[error(
-        "{place}:{line}: to '{content}' {expected} is expected, the simulator answers {answered}"
+        "{place}:{line}: {expected} is expected as the reply to '{content}', the simulator replies {answered}"
     )]
     Differs {
         /// The file.
@@ -184,7 +184,7 @@ impl Golden {
                 "@" => {
                     let seconds = rest.trim().parse().ok();
                     let at = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-                    let at = at.ok_or_else(|| wrong(format!("'{rest}' is no time in seconds")))?;
+                    let at = at.ok_or_else(|| wrong(format!("'{rest}' is not a time in seconds")))?;
                     Some(Step::At(at))
                 }
                 _ if !lines.is_empty() => {
@@ -235,7 +235,7 @@ impl Golden {
             let answers = matches!(step, Step::Answer(_) | Step::Silence);
             let behind = lines.last().map(|line| &line.step);
             if answers && !matches!(behind, Some(Step::Say(_))) {
-                return Err(wrong("a reply stands behind a message".to_owned()));
+                return Err(wrong("a reply must follow a message".to_owned()));
             }
             lines.push(GoldenLine { number, step });
         }

@@ -333,7 +333,7 @@ fn impossible_addresses_and_loads_are_refused_with_the_reason() {
         (
             ["serve", "--bind", "192.0.2.1"],
             1,
-            "192.0.2.1 is no address of this machine: name one of its own by --bind",
+            "192.0.2.1 is not an address of this machine: give one of its own by --bind",
         ),
         (
             ["serve", "--load", "resistor 1 1 5"],

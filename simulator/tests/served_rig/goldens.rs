@@ -43,7 +43,7 @@ fn a_deviation_from_a_golden_names_its_line() {
     let fault = golden.play("a.golden").unwrap_err();
     assert_eq!(
         fault.to_string(),
-        "a.golden:4: to 'OFF' 'ON' is expected, the simulator answers 'OFF,OFF,OFF,OFF'"
+        "a.golden:4: 'ON' is expected as the reply to 'OFF', the simulator replies 'OFF,OFF,OFF,OFF'"
     );
     let unheld = [
         "> *RST\n< 1\n",
@@ -197,7 +197,7 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
     assert_eq!(played.status.code(), Some(1));
     let reported = String::from_utf8_lossy(&played.stderr).into_owned();
     assert!(
-        reported.contains("other.jsonl:13: to 'SOUR:CURR 1e-3;CURR?' the 6221 answered '1.000001E-03', the simulator answers '1.000000E-03'"),
+        reported.contains("other.jsonl:13: the 6221 replied '1.000001E-03' to 'SOUR:CURR 1e-3;CURR?', the simulator replies '1.000000E-03'"),
         "{reported}"
     );
 }
@@ -222,12 +222,12 @@ fn unplayable_transcripts_are_refused() {
         (
             sent.replace("OUTP ON", "OUTP?"),
             1,
-            "talk.jsonl:1: to 'OUTP?' the 6221 answered nothing, the simulator answers '0'",
+            "talk.jsonl:1: the 6221 replied nothing to 'OUTP?', the simulator replies '0'",
         ),
         (
             format!("{sent}\n{}", sent.replace("sent", "received")),
             1,
-            "talk.jsonl:2: to 'OUTP ON' the 6221 answered 'OUTP ON', the simulator answers nothing",
+            "talk.jsonl:2: the 6221 replied 'OUTP ON' to 'OUTP ON', the simulator replies nothing",
         ),
     ] {
         std::fs::write(&file, text).unwrap();

@@ -218,7 +218,7 @@ impl fmt::Display for Doubt {
                 lost_mm2,
             } => write!(
                 f,
-                "a load lies outside the region, near electrode {electrode}: some {lost_mm2:.0} mm2 lost there"
+                "a load lies outside the region, near electrode {electrode}: about {lost_mm2:.0} mm2 lost there"
             ),
             Self::NoiseLimit { correlation } => write!(
                 f,

@@ -64,7 +64,7 @@ pub enum PlanError {
     #[error("a current of {0} cannot be injected; give a positive one")]
     NotACurrent(Amps),
     /// Over the source's limit.
-    #[error("{requested} is over the source's {most}; nothing is clipped, ask for less")]
+    #[error("{requested} is over the source's {most}; nothing is clipped, set less")]
     SourceCurrent {
         /// Requested.
         requested: Amps,
@@ -72,7 +72,7 @@ pub enum PlanError {
         most: Amps,
     },
     /// Over the relays' limit.
-    #[error("{requested} is over the {most} that a relay of this wiring carries; ask for less")]
+    #[error("{requested} is over the {most} that a relay of this wiring carries; set less")]
     RelayCurrent {
         /// Requested.
         requested: Amps,

@@ -337,7 +337,7 @@ mod tests {
         assert!(
             refusal
                 .to_string()
-                .contains("26 electrodes, the protocol asks for 16"),
+                .contains("26 electrodes, the protocol has 16"),
             "{refusal}"
         );
     }

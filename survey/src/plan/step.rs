@@ -215,7 +215,7 @@ impl fmt::Display for Step {
                     routes.iter().map(|route| (route.sense, route.range)),
                 ))
             }
-            Self::Compliance { drive } => write!(f, "ask the source about compliance at {drive}"),
+            Self::Compliance { drive } => write!(f, "query the source's compliance at {drive}"),
         }
     }
 }

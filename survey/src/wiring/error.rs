@@ -51,7 +51,7 @@ pub enum WiringError {
         pair: Dipole,
     },
     /// The wiring is made for another ring.
-    #[error("wiring '{wiring}' is for {wired} electrodes, the protocol asks for {requested}")]
+    #[error("wiring '{wiring}' is for {wired} electrodes, the protocol has {requested}")]
     Electrodes {
         /// The wiring's name.
         wiring: String,
@@ -61,7 +61,7 @@ pub enum WiringError {
         requested: usize,
     },
     /// The module has too few channels.
-    #[error("wiring '{wiring}': {electrodes} electrodes do not fit, it holds {most}")]
+    #[error("wiring '{wiring}': {electrodes} electrodes are too many, it has room for {most}")]
     TooMany {
         /// The wiring's name.
         wiring: String,

@@ -104,7 +104,7 @@ impl Shared {
         }
         let failed = |why| refused(StatusCode::CONFLICT, why);
         let playback = self.recordings.open(id).map_err(failed)?.ok_or_else(|| {
-            let text = format!("no session {id} is recorded here");
+            let text = format!("there is no recorded session {id} here");
             refused(StatusCode::NOT_FOUND, text)
         })?;
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);

@@ -172,7 +172,7 @@ impl fmt::Display for Command {
             | Command::Local
             | Command::Remote
             | Command::SaveAddresses => {
-                unreachable!("a command without arguments stands in the table of those")
+                unreachable!("a command without arguments is in the table of such commands")
             }
         }
     }

@@ -42,14 +42,14 @@ pub enum LinkError {
     },
     /// The link is out of step after an earlier fault: a late reply could be taken for the next answer.
     #[error(
-        "the link to {instrument} is out of step after an earlier fault; reconnect before asking again"
+        "the link to {instrument} is not synchronised after an earlier fault; reconnect before the next message"
     )]
     Unsynchronised {
         /// Name and address.
         instrument: String,
     },
     /// The peer sent data without a query.
-    #[error("{instrument} sent '{text}' that was not asked for")]
+    #[error("{instrument} sent '{text}' without a query")]
     Unsolicited {
         /// Name and address.
         instrument: String,

@@ -138,7 +138,7 @@ pub enum TranscriptError {
         problem: String,
     },
     /// The file cannot be made or written.
-    #[error("the transcript {} cannot be written; check the folder, its rights and the room on the disk", path.display())]
+    #[error("the transcript {} cannot be written; check the folder, its permissions and the space on the disk", path.display())]
     Unwritable {
         /// The file.
         path: PathBuf,

@@ -41,7 +41,7 @@ impl Assessment<'_> {
             let number = electrode + 1;
             let (verdict, text) = if !unexplained && open.contains(&electrode) {
                 let text = format!(
-                    "electrode {number}: open; look at its wire and its contact with the sheet"
+                    "electrode {number}: open; check its wire and its contact with the sheet"
                 );
                 findings.push(text.clone());
                 (CheckOutcome::Failed, text)

@@ -93,14 +93,14 @@ impl<'a> Assessment<'a> {
         let nothing_flows = self.raw.rows.iter().all(|row| row.compliance);
         if nothing_flows && !closed {
             findings.push(
-                "no pair carries current: is the source joined to the switch, and its interlock closed?".to_owned(),
+                "no pair carries current: is the source connected to the switch, and its interlock closed?".to_owned(),
             );
         }
         let strange = self.misfit().is_none_or(|misfit| misfit > UNEXPLAINED);
         if strange && !closed && !nothing_flows {
             findings.push(
-                "the readings are not a uniform sheet's at all: is the voltmeter joined to the switch, the geometry \
-                 right, the sheet free of loads?"
+                "the readings do not resemble those of a uniform sheet: is the voltmeter connected to the switch, the \
+                 geometry right, the sheet free of loads?"
                     .to_owned(),
             );
         }
@@ -162,7 +162,7 @@ impl<'a> Assessment<'a> {
             false,
             match pauw {
                 Some((raw, _)) => format!("{raw:.1} ohm before the correction for this geometry"),
-                None => "an electrode or relay at fault is in the way".to_owned(),
+                None => "a faulty electrode or relay prevents it".to_owned(),
             },
         );
         let reciprocity = self.reciprocity();

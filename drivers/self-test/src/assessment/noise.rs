@@ -76,15 +76,15 @@ impl Assessment<'_> {
             let (ends, relays) = &self.wiring.measure[*pair];
             if is_noisy(next) && !is_noisy(last) && !is_noisy(next + 1) {
                 findings.push(format!(
-                    "electrode {}: noisy, {:.0} uV in one reading where the others have {usual_uv:.1}; look at its wire \
+                    "electrode {}: noisy, {:.0} uV in one reading where the others have {usual_uv:.1}; check its wire \
                      and its contact with the sheet",
                     self.wiring.measure[next].0.plus,
                     size(*pair).max(size(next))
                 ));
             } else if !(is_noisy(last) && !is_noisy(next) && !is_noisy(last + n - 1)) {
                 findings.push(format!(
-                    "{}: noisy, {:.0} uV in one reading where the others have {usual_uv:.1}; look at its contacts and the \
-                     wires of electrodes {} and {}",
+                    "{}: noisy, {:.0} uV in one reading where the others have {usual_uv:.1}; check its contacts and \
+                     the wires of electrodes {} and {}",
                     named(relays),
                     size(*pair),
                     ends.plus,

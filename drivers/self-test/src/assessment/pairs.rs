@@ -46,7 +46,7 @@ impl Assessment<'_> {
                 (CheckOutcome::Failed, text)
             } else if sound && gain.is_some_and(|(gain, _)| (gain - 1.0).abs() > GAIN_TOLERANCE) {
                 let text = format!(
-                    "injecting pair {}: its readings are not the sheet's; is it wired to electrodes {} and {}?",
+                    "injecting pair {}: its readings do not match the sheet; is it wired to electrodes {} and {}?",
                     pair + 1,
                     ends.plus,
                     ends.minus
@@ -96,7 +96,7 @@ impl Assessment<'_> {
                     if sound && ((gain - 1.0).abs() > GAIN_TOLERANCE || rest > GAIN_TOLERANCE) =>
                 {
                     let text = format!(
-                        "measuring pair {}: its readings are not the sheet's; is it wired to electrodes {} and {}?",
+                        "measuring pair {}: its readings do not match the sheet; is it wired to electrodes {} and {}?",
                         pair + 1,
                         ends.plus,
                         ends.minus

@@ -57,7 +57,7 @@ pub(crate) fn frames(
             (Some(BaselineRule::First(count)), _) => {
                 let first = frames.get(..*count).ok_or_else(|| {
                     format!(
-                        "it has {} frames, --baseline asks for first:{count}",
+                        "it has {} frames, --baseline requests first:{count}",
                         frames.len()
                     )
                 })?;
@@ -155,7 +155,7 @@ fn of_model(file: &Fields) -> Result<Case, String> {
     let [model] = structures(model, "fmdl")? else {
         return Err("fmdl is an array of structures; one is expected".to_owned());
     };
-    let nodes = matrix::<2>(model, "nodes", "nodes x 2: the engine has no volumes")?;
+    let nodes = matrix::<2>(model, "nodes", "nodes x 2 (volumes are not supported)")?;
     let elems = matrix::<3>(model, "elems", "triangles x 3")?;
     let mut triangles = Vec::with_capacity(elems.len());
     for corners in elems {
@@ -382,7 +382,7 @@ fn matrix<const N: usize>(
         return Err(format!("fmdl.{name} is {rows} x {columns}; {expected}"));
     }
     if values.iter().any(|value| !value.is_finite()) {
-        return Err(format!("fmdl.{name} has values that are no finite numbers"));
+        return Err(format!("fmdl.{name} has values that are not finite numbers"));
     }
     let row = |row| std::array::from_fn(|column| values[column * rows + row]);
     Ok((0..rows).map(row).collect())

@@ -94,7 +94,7 @@ pub enum Fault {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FaultError {
     /// Text that is not a fault.
-    #[error("'{words}' is no fault: {why}")]
+    #[error("'{words}' is not a fault: {why}")]
     Words {
         /// The text.
         words: String,
@@ -165,7 +165,7 @@ impl TimedFault {
             };
             let ending = fault
                 .ending()
-                .ok_or_else(|| words("it passes by itself, it takes no for_s"))?;
+                .ok_or_else(|| words("it ends by itself and takes no for_s"))?;
             let at = at
                 .checked_add(lasts)
                 .ok_or_else(|| words("it would last too long"))?;

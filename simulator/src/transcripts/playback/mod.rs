@@ -51,7 +51,7 @@ pub enum ReplayError {
     },
     /// The first difference.
     #[error(
-        "{place}:{line}: to '{message}' the {instrument} answered {recorded}, the simulator answers {simulated}"
+        "{place}:{line}: the {instrument} replied {recorded} to '{message}', the simulator replies {simulated}"
     )]
     Differs {
         /// The file.
