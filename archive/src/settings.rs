@@ -188,7 +188,10 @@ fn bucket(archive: &ArchiveSection) -> Result<BucketAccess, (&'static str, Strin
     let name = archive.bucket().unwrap_or_default();
     let good = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);
     if name.is_empty() || !name.bytes().all(good) {
-        return Err(("store", format!("'{name}' is not a bucket: write s3://BUCKET")));
+        return Err((
+            "store",
+            format!("'{name}' is not a bucket: write s3://BUCKET"),
+        ));
     }
     let Some(endpoint) = archive.store_endpoint.clone() else {
         let text = "is missing: the address of the bucket's server, https://HOST";

@@ -346,7 +346,9 @@ async fn serial_port(rig: SimulatedRig, instrument: Instrument, path: PathBuf, f
         match plug(&path) {
             Ok(next) => pty = next,
             Err(fault) => {
-                tracing::warn!("the serial port of the {instrument} cannot be opened again: {fault}");
+                tracing::warn!(
+                    "the serial port of the {instrument} cannot be opened again: {fault}"
+                );
                 return;
             }
         }

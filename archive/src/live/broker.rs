@@ -140,7 +140,9 @@ pub(super) async fn deliver(broker: &Broker, latest: &Latest) {
             (wait, before) = (Duration::from_secs(1), String::new());
         }
         if why != before {
-            eprintln!("tactus-archive: mqtt: {why}; the connection is tried again until it succeeds");
+            eprintln!(
+                "tactus-archive: mqtt: {why}; the connection is tried again until it succeeds"
+            );
             before = why;
         }
         sleep(wait).await;

@@ -53,9 +53,9 @@ impl Objects {
     /// The address is not one that may be used.
     pub fn new(access: &BucketAccess) -> Result<Self, String> {
         let endpoint = &access.endpoint;
-        let url = endpoint
-            .parse()
-            .map_err(|fault| format!("'{endpoint}' is not an address: {fault}; write https://HOST"))?;
+        let url = endpoint.parse().map_err(|fault| {
+            format!("'{endpoint}' is not an address: {fault}; write https://HOST")
+        })?;
         let bucket = Bucket::new(
             url,
             UrlStyle::Path,

@@ -279,12 +279,12 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
             Failure::Instrument(advise("`tactus instruments` shows which ones answer"))
         }
         Fault::DiskRefused(_) => Failure::Failed(advise("free space, then `tactus start` again")),
-        Fault::NotAuthorized(_) => {
-            Failure::NotAuthorised(advise("ask the administrator to add you to the group tactus, or run as root"))
-        }
-        Fault::LimitsExceeded(_) => {
-            Failure::Busy(advise("end connections or calls that are no longer needed, or try again"))
-        }
+        Fault::NotAuthorized(_) => Failure::NotAuthorised(advise(
+            "ask the administrator to add you to the group tactus, or run as root",
+        )),
+        Fault::LimitsExceeded(_) => Failure::Busy(advise(
+            "end connections or calls that are no longer needed, or try again",
+        )),
         Fault::InvalidOption(_) => Failure::Usage(message),
         Fault::NoFrame(_) => Failure::Failed(advise("`tactus watch` waits for the first")),
         Fault::Unsupported(_) | Fault::Failed(_) => Failure::Failed(message),

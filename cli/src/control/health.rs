@@ -86,7 +86,9 @@ pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
                 "disk       {days:.0} days left ({free:.1} GB free, {:.1} MB a day)",
                 rate / 1e6
             ),
-            _ => format!("disk       {free:.1} GB free; the time until it is full is not known yet"),
+            _ => {
+                format!("disk       {free:.1} GB free; the time until it is full is not known yet")
+            }
         });
     }
     lines.push(match &health.relay {

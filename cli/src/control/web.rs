@@ -42,7 +42,10 @@ pub(crate) fn run(
         })?;
         let serving = Serving { url: server.url() };
         printer.record(&serving, |serving| {
-            format!("{}\nCtrl-C ends it. Whoever has this address can read the page.", serving.url)
+            format!(
+                "{}\nCtrl-C ends it. Whoever has this address can read the page.",
+                serving.url
+            )
         })?;
         if printer.is_terminal() && !requested.no_browser {
             open_browser(&serving.url);
@@ -50,7 +53,8 @@ pub(crate) fn run(
         let live = Live::default();
         let (stop, stopped) = watch::channel(false);
         let ended = async {
-            let failed = |error: std::io::Error| Failure::failed("signals cannot be received", &error);
+            let failed =
+                |error: std::io::Error| Failure::failed("signals cannot be received", &error);
             let mut interrupt = signal(SignalKind::interrupt()).map_err(failed)?;
             let mut terminate = signal(SignalKind::terminate()).map_err(failed)?;
             tokio::select! {

@@ -78,7 +78,9 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
         .filter(|seen| !seen.in_use && !seen.proposal.is_empty());
     let mut proposals = proposals.peekable();
     if proposals.peek().is_some() {
-        printer.text("\nLines for a configuration (an instrument is used only if a configuration names it):")?;
+        printer.text(
+            "\nLines for a configuration (an instrument is used only if a configuration names it):",
+        )?;
     }
     for seen in proposals {
         printer.text(&format!(

@@ -44,7 +44,8 @@ impl Field {
     pub(crate) fn from_bus(geometry: &dbus::Geometry) -> Result<Self, Failure> {
         let (Some(triangles), Some(outline)) = (geometry.corners(), geometry.loops()) else {
             return Err(Failure::Failed(
-                "the daemon's geometry is inconsistent; is it of another version than this tactus?".to_owned(),
+                "the daemon's geometry is inconsistent; is it of another version than this tactus?"
+                    .to_owned(),
             ));
         };
         let centroids = triangles

@@ -127,9 +127,6 @@ impl Follower {
 }
 
 fn not_followed(frame: &RecordedFrame, error: &dyn std::error::Error) -> Failure {
-    let what = format!(
-        "the baseline cannot be tracked to frame {}",
-        frame.sequence
-    );
+    let what = format!("the baseline cannot be tracked to frame {}", frame.sequence);
     Failure::failed(&what, error)
 }

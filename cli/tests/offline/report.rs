@@ -236,7 +236,8 @@ fn maps_of_another_unit_are_left_out_and_counted() {
     let printed = done(folder.path(), &["report", "m1", "--json", "--out", "out"]);
     assert!(lines(&printed)[0]["maps"].as_u64() > Some(0), "{printed}");
     let page = std::fs::read_to_string(folder.path().join("out/index.html")).unwrap();
-    let left_out = "Left out: 1 of 3 frames examined; the first: the calibration does not belong to this map.";
+    let left_out =
+        "Left out: 1 of 3 frames examined; the first: the calibration does not belong to this map.";
     assert!(page.contains(left_out), "{left_out}");
     // the longest time without relief is one of the worst moments
     assert!(page.contains("kPa") && page.contains("longest unrelieved time: "));

@@ -67,10 +67,7 @@ fn is_wire(error: &RigError) -> bool {
 
 fn safety(error: &AcquireError) -> String {
     let after = error.off_after().map_or_else(String::new, |after| {
-        format!(
-            " {:.1} ms after its detection",
-            after.as_secs_f64() * 1e3
-        )
+        format!(" {:.1} ms after its detection", after.as_secs_f64() * 1e3)
     });
     let cleanup = error.cleanup();
     match cleanup.map(|cleanup| (&cleanup.source, &cleanup.relays)) {

@@ -169,7 +169,10 @@ fn limit_problem(
         Limit::Below(limit) => ("below", limit > low, limit + rule.deadband <= high),
     };
     if !possible {
-        return Some((part, format!("{name} can never be beyond this limit; {values}")));
+        return Some((
+            part,
+            format!("{name} can never be beyond this limit; {values}"),
+        ));
     }
     (!ends).then(|| {
         let why = format!("{name} can never return far enough for the alarm to end; {values}");

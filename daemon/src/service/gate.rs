@@ -237,7 +237,9 @@ impl Gate {
             Err(error) => {
                 locked(&self.present).remove(sender.as_str());
                 tracing::debug!("the bus did not identify {sender}: {error}");
-                Err(refusal(&format!("the bus did not identify the caller: {error}")))
+                Err(refusal(&format!(
+                    "the bus did not identify the caller: {error}"
+                )))
             }
         }
     }

@@ -147,7 +147,9 @@ async fn announce(
             false
         }
         Err(_) => {
-            tracing::warn!("a subscriber on the bus does not read its messages; its connection is closed");
+            tracing::warn!(
+                "a subscriber on the bus does not read its messages; its connection is closed"
+            );
             false
         }
     }

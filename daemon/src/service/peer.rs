@@ -101,8 +101,9 @@ pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, a
 async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: Handle) {
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
-        let text =
-            format!("a user who is neither the daemon's, root, nor in the group {GROUP} was refused at the peer socket");
+        let text = format!(
+            "a user who is neither the daemon's, root, nor in the group {GROUP} was refused at the peer socket"
+        );
         controller.events.journal(EventKind::Strangers, &text);
         return;
     };

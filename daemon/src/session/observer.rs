@@ -85,7 +85,10 @@ async fn fold_journals(controller: &Arc<Controller>) {
     match folded {
         Ok(Ok(folded)) => {
             for path in folded {
-                tracing::info!("{} is complete: no program reads it any more", path.display());
+                tracing::info!(
+                    "{} is complete: no program reads it any more",
+                    path.display()
+                );
             }
         }
         Ok(Err(error)) => tracing::debug!("{}", survey::error_chain(&error)),

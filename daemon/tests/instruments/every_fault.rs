@@ -384,10 +384,7 @@ fn contradiction(frame: &dbus::LatestFrame) -> (f64, String) {
 /// The time after which the source was verified off, as a failed frame reports it.
 fn off_after_ms(text: &str) -> Option<f64> {
     let (_, rest) = text.split_once("the source is off, verified ")?;
-    rest.split_once(" ms after its detection")?
-        .0
-        .parse()
-        .ok()
+    rest.split_once(" ms after its detection")?.0.parse().ok()
 }
 
 fn moves_relays(received: &str) -> bool {

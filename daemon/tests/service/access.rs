@@ -390,7 +390,11 @@ async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
     }
     let came = connect_as_nobody(&scene.stage.path().join("run/peer"));
     let (_, log) = scene.daemon.terminate().await;
-    assert_eq!(log.contains("was refused at the peer socket"), came, "{log}");
+    assert_eq!(
+        log.contains("was refused at the peer socket"),
+        came,
+        "{log}"
+    );
 }
 
 /// Whether another user's process could connect to the daemon's peer socket.

@@ -222,10 +222,7 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
     assert_eq!(session.id().await.unwrap(), id);
     if let Err(fault) = within(session.stop()).await {
         // the session file could not be closed, but the end mark is durable
-        assert!(
-            fault.text().contains("its end is stored in"),
-            "{fault:?}"
-        );
+        assert!(fault.text().contains("its end is stored in"), "{fault:?}");
     }
     assert_eq!(daemon.manager.active_session().await.unwrap().as_str(), "/");
     daemon.kill().await;

@@ -353,5 +353,8 @@ async fn a_bus_reader_that_freezes_is_dropped_and_the_others_go_on() {
     })
     .await;
     let (status, log) = daemon.terminate().await;
-    assert!(status.success() && log.contains("does not read its messages"), "{log}");
+    assert!(
+        status.success() && log.contains("does not read its messages"),
+        "{log}"
+    );
 }

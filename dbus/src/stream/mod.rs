@@ -141,7 +141,9 @@ pub enum StreamError {
     )]
     Version(u16),
     /// An invalid length.
-    #[error("a record of {0} bytes is not possible: the reader lost the position in the stream; open the stream again")]
+    #[error(
+        "a record of {0} bytes is not possible: the reader lost the position in the stream; open the stream again"
+    )]
     Length(usize),
     /// A count that does not fit the record's length, or text that is not UTF-8.
     #[error("record {sequence} is malformed ({what}); open the stream again")]

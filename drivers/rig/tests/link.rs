@@ -264,10 +264,7 @@ async fn unrequested_replies_are_refused() {
     let mut link = Link::new(here, "peer", DEADLINE);
     there.write_all(b"+1.0E+00\n").await.unwrap();
     let fault = link.ask("READ?").await.unwrap_err();
-    assert_eq!(
-        fault.to_string(),
-        "peer sent '+1.0E+00' without a query"
-    );
+    assert_eq!(fault.to_string(), "peer sent '+1.0E+00' without a query");
 }
 
 #[tokio::test(start_paused = true)]

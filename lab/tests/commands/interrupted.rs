@@ -70,7 +70,10 @@ fn killed_training_on_full_disk_resumes_to_the_same_bits() {
     assert!(std::fs::read(&checkpoint).unwrap() == kept);
     // with enough space, training resumes from the checkpoint
     let message = done(&words(TRAIN, &[&case, &broken]));
-    assert!(message.contains("continuing from the checkpoint"), "{message}");
+    assert!(
+        message.contains("continuing from the checkpoint"),
+        "{message}"
+    );
     assert!(std::fs::read(&whole).unwrap() == std::fs::read(&broken).unwrap());
     assert!(!checkpoint.exists());
 }

@@ -80,7 +80,11 @@ pub(crate) fn text() -> String {
         ("modules", "Modules (--slot N=MODULE)", "model"),
         ("profiles", "Profiles (--profile NAME, or a file)", "name"),
         ("scenes", "Scenes (--scene NAME, or a file)", "name"),
-        ("loads", "Loads other than the sheet (--load WORDS)", "words"),
+        (
+            "loads",
+            "Loads other than the sheet (--load WORDS)",
+            "words",
+        ),
         ("faults", "Faults (tactus-sim fault WORDS)", "words"),
     ] {
         // Writing to a String cannot fail.

@@ -330,8 +330,6 @@ pub(crate) async fn check_end(daemon: &Daemon, session: &Session1Proxy<'_>) -> R
     let error = nonempty(daemon.ask("the session", session.last_error()).await?);
     Err(Failure::Instrument(format!(
         "the session ended in a fault: {}; `tactus instruments` shows which ones answer",
-        error
-            .as_deref()
-            .unwrap_or("the daemon's journal names it")
+        error.as_deref().unwrap_or("the daemon's journal names it")
     )))
 }

@@ -44,7 +44,11 @@ pub(super) fn wanted(file: &Path) -> Result<DoctorConfig, Finding> {
         Finding::warn("configuration", text, advice)
     })?;
     let mut wanted: DoctorConfig = toml::from_str(&text).map_err(|error| {
-        let text = format!("{} is not a configuration: {}", file.display(), chain(&error));
+        let text = format!(
+            "{} is not a configuration: {}",
+            file.display(),
+            chain(&error)
+        );
         Finding::bad(
             "configuration",
             text,
@@ -161,16 +165,19 @@ impl Machine {
         let Ok(found) = std::fs::metadata(&path) else {
             let there = self.by_id();
             let advice = match there.is_empty() {
-                true => {
-                    "is it plugged in and switched on? `dmesg` shows what the kernel detected".to_owned()
-                }
+                true => "is it plugged in and switched on? `dmesg` shows what the kernel detected"
+                    .to_owned(),
                 false => format!("plugged in are: {}", there.join(", ")),
             };
             return Finding::bad("device", format!("{named} is not there"), advice);
         };
         if !found.file_type().is_char_device() {
             let advice = "name the device node itself";
-            return Finding::bad("device", format!("{named} is not a character device"), advice);
+            return Finding::bad(
+                "device",
+                format!("{named} is not a character device"),
+                advice,
+            );
         }
         let open = self.user == 0
             || (found.uid() == self.user && found.mode() & 0o600 == 0o600)
@@ -254,10 +261,9 @@ impl Machine {
         if let Some(program) = wanted.notify.command.first() {
             let mode = std::fs::metadata(self.path(program)).map(|found| found.mode());
             findings.push(match mode {
-                Ok(mode) if mode & 0o111 != 0 => Finding::ok(
-                    "notify",
-                    format!("{program}; `tactus notify test` runs it"),
-                ),
+                Ok(mode) if mode & 0o111 != 0 => {
+                    Finding::ok("notify", format!("{program}; `tactus notify test` runs it"))
+                }
                 Ok(_) => Finding::bad(
                     "notify",
                     format!("{program} is no program"),

@@ -98,7 +98,10 @@ fn devices_of_the_configuration_are_looked_at() {
     std::fs::write(folder.path().join("dev/ttyUSB0"), "").unwrap();
     symlink("../../ttyUSB0", by_id.join("usb-Tactus_mux_1234")).unwrap();
     let found = machine.devices(&wanted);
-    assert!(found[0].text.contains("not a character device"), "{found:?}");
+    assert!(
+        found[0].text.contains("not a character device"),
+        "{found:?}"
+    );
     assert!(
         found[1]
             .advice

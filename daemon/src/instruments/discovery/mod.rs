@@ -161,8 +161,9 @@ async fn ask(candidate: Candidate, used: &[Used]) -> SeenInstrument {
     };
     SeenInstrument {
         remark: match identities {
-            true => "it replies on VXI-11 only; the daemon uses raw sockets and serial lines"
-                .to_owned(),
+            true => {
+                "it replies on VXI-11 only; the daemon uses raw sockets and serial lines".to_owned()
+            }
             false => remark,
         },
         proposal: String::new(),

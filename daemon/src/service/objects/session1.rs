@@ -194,7 +194,9 @@ impl Session1 {
                 end = self.0.ended() => return Err(Fault::Failed(end.reason)),
             };
             known.map_err(|why| {
-                Fault::Unsupported(format!("loads after every injection are not available: {why}"))
+                Fault::Unsupported(format!(
+                    "loads after every injection are not available: {why}"
+                ))
             })?;
             self.running()?;
         }

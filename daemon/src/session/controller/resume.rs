@@ -197,8 +197,9 @@ impl Controller {
                  the daemon"
             )));
         }
-        let options = from_json(&header.asked)
-            .ok_or_else(|| NotResumed::Closed("it does not contain how it was started".to_owned()))?;
+        let options = from_json(&header.asked).ok_or_else(|| {
+            NotResumed::Closed("it does not contain how it was started".to_owned())
+        })?;
         self.same_rig(header, &self.protocol_for(&options).await?)?;
         let baseline =
             baseline.ok_or_else(|| NotResumed::Closed("it has no baseline".to_owned()))?;
@@ -241,8 +242,7 @@ impl Controller {
         }
         if header.simulated != runtime.simulated {
             return Err(NotResumed::Closed(
-                "its voltages were simulated and the rig's are not, or vice versa"
-                    .to_owned(),
+                "its voltages were simulated and the rig's are not, or vice versa".to_owned(),
             ));
         }
         let identities = self.identities();

@@ -382,7 +382,9 @@ fn matrix<const N: usize>(
         return Err(format!("fmdl.{name} is {rows} x {columns}; {expected}"));
     }
     if values.iter().any(|value| !value.is_finite()) {
-        return Err(format!("fmdl.{name} has values that are not finite numbers"));
+        return Err(format!(
+            "fmdl.{name} has values that are not finite numbers"
+        ));
     }
     let row = |row| std::array::from_fn(|column| values[column * rows + row]);
     Ok((0..rows).map(row).collect())

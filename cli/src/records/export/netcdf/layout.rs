@@ -194,7 +194,9 @@ impl RecordBytes {
 }
 
 fn invalid(error: InvalidDataSet) -> Failure {
-    Failure::Failed(format!("the session cannot be written as a netCDF file: {error}"))
+    Failure::Failed(format!(
+        "the session cannot be written as a netCDF file: {error}"
+    ))
 }
 
 /// Bytes in memory that remain when the writer, which owns its output, is gone.
