@@ -28,11 +28,25 @@ pub(crate) enum OnClosedRelays {
     Open,
 }
 
+/// What is known of the source while nothing uses it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum SourceState {
+    /// Off, verified.
+    Off,
+    /// Under the configuration in force, no source at its address has received a command: there is nothing to switch off, but
+    /// what is there may be on.
+    NeverReached,
+    /// It was used, and is not verified off.
+    Unknown,
+}
+
 /// Why a rig could not be assembled.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum AssemblyError {
     #[error(transparent)]
     Connect(#[from] ConnectError),
+    #[error(transparent)]
+    SourceNotOff(ConnectError),
     #[error("the wiring does not fit the mainframe")]
     Wiring(#[source] RigError),
     #[error("the rig could not be made safe: {0}")]
@@ -57,14 +71,21 @@ pub(crate) enum AssemblyError {
 }
 
 impl AssemblyError {
-    /// Whether the source had been verified off before this.
-    pub(crate) fn source_is_off(&self) -> bool {
+    /// What is known of the source after this.
+    pub(crate) fn source_state(&self) -> SourceState {
         match self {
-            Self::Connect(error) => error.role() != "source",
-            Self::OtherSource { .. } => false,
-            Self::Unsafe(cleanup) => !cleanup.source_state_unknown(),
-            Self::Others { source_off, .. } => *source_off,
-            Self::Wiring(_) | Self::Settings(_) => true,
+            Self::Connect(error) if error.role() == "source" => SourceState::NeverReached,
+            Self::OtherSource { .. }
+            | Self::Others {
+                source_off: false, ..
+            } => SourceState::NeverReached,
+            Self::SourceNotOff(_) => SourceState::Unknown,
+            Self::Unsafe(cleanup) if cleanup.source_state_unknown() => SourceState::Unknown,
+            Self::Connect(_)
+            | Self::Wiring(_)
+            | Self::Unsafe(_)
+            | Self::Settings(_)
+            | Self::Others { .. } => SourceState::Off,
         }
     }
 }
@@ -101,7 +122,8 @@ pub(crate) async fn assemble(
     let mut instruments = vec![found("source", source.identity(), &places.source.0)];
     let source_off = identities.is_none_or(|identities| identities.has(&instruments[0]));
     if source_off {
-        kinds::source_off(by, &mut source).await?;
+        let off = kinds::source_off(by, &mut source).await;
+        off.map_err(AssemblyError::SourceNotOff)?;
     }
     let others = SwitchAndVoltmeter::connect(by).await;
     let others = others.map_err(|cause| {

@@ -190,6 +190,40 @@ async fn a_rig_of_unknown_state_refuses_each_reload() {
     }
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_source_never_reached_is_unknown_and_blocks_no_reload() {
+    let (_rig, server, config) = on_tcp().await;
+    let config = config.replace("deadline_ms = 2000", "deadline_ms = 200");
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    // a port that nothing listens on, and one of something that does not reply
+    for listens in [false, true] {
+        let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = other.local_addr().unwrap().to_string();
+        let _held = listens.then_some(other);
+        stage.configure(&config.replace(&server.ready().source, &address));
+        let text = within(daemon.manager.reload()).await.unwrap();
+        assert!(
+            text.contains("its rig cannot be reached") && text.contains(&address),
+            "{text}"
+        );
+        assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
+        assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+        let refused = within(daemon.manager.open_all()).await;
+        assert!(
+            matches!(&refused, Err(Fault::InstrumentFault(text)) if text.contains(&address)),
+            "{refused:?}"
+        );
+        assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+
+        stage.configure(&config);
+        let text = within(daemon.manager.reload()).await.unwrap();
+        assert!(text.ends_with("is in force"), "{text}");
+        assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
+        daemon.baseline(1).await;
+    }
+}
+
 /// The rig of the stage, newly switched on.
 fn fresh(stage: &Stage) -> ReplayTarget {
     let profile = Profile::load(stage.path().join("profile.toml").to_str().unwrap()).unwrap();

@@ -29,7 +29,7 @@ use crate::acquisition::task::FrameSource;
 use crate::alarms::AlarmDesk;
 use crate::events::event::{BusEvent, Event};
 use crate::events::event_log::EventLog;
-use crate::instruments::assembly::Assembled;
+use crate::instruments::assembly::{Assembled, SourceState};
 use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::lock::InstrumentLocks;
 use crate::instruments::rig_plan::RigPlan;
@@ -141,8 +141,7 @@ struct Inner {
     identities: ExpectedIdentities,
     /// Unexpected instruments that were found and not accepted yet.
     others: Option<ExpectedIdentities>,
-    /// The source could not be verified off.
-    source_unknown: bool,
+    source_state: SourceState,
     /// The relays could not be verified open.
     relays_unknown: bool,
     recovery: Option<Recovery>,
@@ -243,7 +242,7 @@ impl Controller {
                 closed,
                 identities,
                 others: None,
-                source_unknown: false,
+                source_state: SourceState::Off,
                 relays_unknown: false,
                 recovery: None,
                 looking: false,
@@ -306,7 +305,7 @@ impl Controller {
     pub(crate) fn source_state(&self) -> &'static str {
         let inner = self.inner();
         match &inner.state {
-            _ if inner.source_unknown => "unknown",
+            _ if inner.source_state != SourceState::Off => "unknown",
             State::Baseline | State::Acquiring | State::Testing => "in use",
             _ => "off",
         }

@@ -9,7 +9,7 @@ use rig::Clock;
 
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
-use crate::instruments::assembly::{AssemblyError, OnClosedRelays, assemble};
+use crate::instruments::assembly::{AssemblyError, OnClosedRelays, SourceState, assemble};
 use crate::instruments::identities::{ACCEPT_HINT, ExpectedIdentities};
 use crate::session::controller::recovery::RECONNECT_INTERVALS;
 use crate::session::controller::{Controller, Recovery};
@@ -99,7 +99,10 @@ impl Controller {
         {
             let mut inner = self.inner();
             inner.identities = identities;
-            inner.source_unknown = !source_off;
+            inner.source_state = match source_off {
+                true => SourceState::Off,
+                false => SourceState::Unknown,
+            };
         }
         self.rig_lost(&text);
     }
@@ -142,8 +145,16 @@ impl Controller {
         let text = survey::error_chain(error);
         let refused = {
             let mut inner = self.inner();
-            inner.source_unknown = !error.source_is_off();
-            inner.relays_unknown = true;
+            let before = inner.source_state;
+            inner.source_state = match error.source_state() {
+                // of a rig that was there before
+                SourceState::NeverReached if before != SourceState::NeverReached => {
+                    SourceState::Unknown
+                }
+                now => now,
+            };
+            // the relays are commanded after the source
+            inner.relays_unknown |= inner.source_state != SourceState::NeverReached;
             inner.closed.is_some()
         };
         match refused {
@@ -192,7 +203,7 @@ impl Controller {
             let mut inner = self.inner();
             inner.rig_fault = None;
             inner.recovery = None;
-            inner.source_unknown = false;
+            inner.source_state = SourceState::Off;
             inner.relays_unknown = false;
             inner.closed.take()
         };

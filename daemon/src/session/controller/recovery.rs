@@ -12,7 +12,7 @@ use crate::acquisition::failed_frame;
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
 use crate::instruments::assembly::{
-    Assembled, AssemblyError, OnClosedRelays, assemble, open_relays,
+    Assembled, AssemblyError, OnClosedRelays, SourceState, assemble, open_relays,
 };
 use crate::instruments::identities::ACCEPT_HINT;
 use crate::instruments::rig_plan::RigPlan;
@@ -52,7 +52,10 @@ impl Controller {
         let relays = cleanup.is_some_and(|cleanup| cleanup.relays.is_some());
         {
             let mut inner = self.inner();
-            inner.source_unknown = source;
+            inner.source_state = match source {
+                true => SourceState::Unknown,
+                false => SourceState::Off,
+            };
             inner.relays_unknown = relays;
         }
         match (source, relays) {
@@ -215,11 +218,19 @@ impl Controller {
             Some(&identities),
         )
         .await;
-        let source_is_off = match &outcome {
-            Ok(_) => true,
-            Err(error) => error.source_is_off(),
+        let now = match &outcome {
+            Ok(_) => SourceState::Off,
+            Err(error) => error.source_state(),
         };
-        let source = source_is_off && std::mem::take(&mut self.inner().source_unknown);
+        let before = {
+            let mut inner = self.inner();
+            let before = inner.source_state;
+            if now == SourceState::Off || before == SourceState::NeverReached {
+                inner.source_state = now;
+            }
+            before
+        };
+        let source = (before, now) == (SourceState::Unknown, SourceState::Off);
         self.report_safe_again(session, source, false).await;
         match outcome {
             Ok(assembled) => {

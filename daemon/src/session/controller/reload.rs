@@ -7,7 +7,7 @@ use dbus::Fault;
 
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
-use crate::instruments::assembly::{AnyRig, OnClosedRelays, assemble};
+use crate::instruments::assembly::{AnyRig, AssemblyError, OnClosedRelays, SourceState, assemble};
 use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::rig_plan::RigPlan;
 use crate::locked::locked;
@@ -137,6 +137,7 @@ impl Controller {
                 baseline,
             } => {
                 *source = FrameSource::Recording(recording);
+                self.inner().source_state = SourceState::Off;
                 self.inner().baseline = Some(Arc::new(*baseline));
                 Ok(ExpectedIdentities::default())
             }
@@ -153,8 +154,17 @@ impl Controller {
                 )
                 .await;
                 let (rig, outcome) = match assembled {
-                    Ok(assembled) => (Some(assembled.rig), Ok(assembled.identities)),
-                    Err(error) => (None, Err(chain(&error))),
+                    Ok(assembled) => {
+                        self.inner().source_state = SourceState::Off;
+                        (Some(assembled.rig), Ok(assembled.identities))
+                    }
+                    Err(error) => {
+                        if let AssemblyError::Unsafe(cleanup) = &error {
+                            self.report_safety(None, Some(cleanup)).await;
+                        }
+                        self.inner().source_state = error.source_state();
+                        (None, Err(chain(&error)))
+                    }
                 };
                 *source = FrameSource::Rig { rig, plan };
                 outcome
@@ -222,7 +232,8 @@ impl Controller {
             }
             None => return Ok(()),
         }
-        let source = std::mem::take(&mut self.inner().source_unknown);
+        let before = std::mem::replace(&mut self.inner().source_state, SourceState::Off);
+        let source = before == SourceState::Unknown;
         self.inner().relays_unknown = false;
         self.report_safe_again(None, source, relays).await;
         Ok(())
@@ -231,7 +242,8 @@ impl Controller {
     /// Whether the source may be on, and whether relays may be closed.
     fn unknown_parts(&self) -> (bool, bool) {
         let inner = self.inner();
-        (inner.source_unknown, inner.relays_unknown)
+        let source = inner.source_state == SourceState::Unknown;
+        (source, inner.relays_unknown)
     }
 }
 

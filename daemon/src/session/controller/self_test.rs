@@ -13,6 +13,7 @@ use survey::Relay;
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
 use crate::instruments::address::InstrumentAddress;
+use crate::instruments::assembly::SourceState;
 use crate::instruments::discovery::{Search, discover};
 use crate::instruments::relay_wear::{Wear, wear};
 use crate::instruments::rig_plan::RigPlan;
@@ -236,7 +237,9 @@ impl Controller {
                 (_, Err(unsafe_still)) => {
                     {
                         let mut inner = self.inner();
-                        inner.source_unknown |= unsafe_still.source_state_unknown();
+                        if unsafe_still.source_state_unknown() {
+                            inner.source_state = SourceState::Unknown;
+                        }
                         inner.relays_unknown |= unsafe_still.relays.is_some();
                     }
                     Err(lost(&format!(
