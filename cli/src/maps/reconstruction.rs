@@ -306,7 +306,7 @@ fn tracking(
     let (unloaded, at_s) = (&recording.unloaded.readings, recording.baseline_s());
     let follow = |conditions: &Conditions<'_>| Tracking::new(conditions, unloaded, noise_v, at_s);
     let (tracking, _) = in_conditions(chosen.as_recorded, geometry, recording, follow)?;
-    tracking.map_err(|error| Failure::failed("the baseline cannot be followed", &error))
+    tracking.map_err(|error| Failure::failed("the baseline cannot be tracked", &error))
 }
 
 /// The geometry given by options, folder or session, in this order, and the assumptions about it.

@@ -36,7 +36,7 @@ pub enum DriftError {
     #[error("the covariance of the data is not positive definite")]
     Covariance,
     /// A map before the first frame.
-    #[error("no usable frame has been followed yet")]
+    #[error("no usable frame has been tracked yet")]
     NoFrame,
     /// A stored state of another sheet, mesh or build.
     #[error("the stored state is of {has}, this sheet is {wants}")]

@@ -49,7 +49,7 @@ pub enum MeritError {
     },
     /// No pixel above zero: there is no q.
     #[error(
-        "no pixel of the image is above zero; images of losses are negative: negate them before they are judged"
+        "no pixel of the image is above zero; images of losses are negative: negate them before they are evaluated"
     )]
     Nothing,
 }

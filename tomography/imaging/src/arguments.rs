@@ -77,9 +77,9 @@ impl TrackedArguments {
     pub fn period_s(&self, follows: bool, have_times: bool) -> Result<Option<f64>, String> {
         let refused = match (follows, have_times, self.period_s) {
             (false, _, Some(_)) => "--period-s belongs to --tracked",
-            (true, true, Some(_)) => "the frames have times of their own; leave --period-s out",
+            (true, true, Some(_)) => "the frames have their own times; omit --period-s",
             (true, false, None) => {
-                "--tracked needs the time of each frame, and these have none; say --period-s S"
+                "--tracked needs the time of each frame, and these have none; give --period-s S"
             }
             (_, _, period_s) => return Ok(period_s),
         };
@@ -92,7 +92,7 @@ impl TrackedArguments {
     /// It is not known.
     pub fn noise_v(known: Option<f64>) -> Result<f64, String> {
         known.ok_or_else(|| {
-            "--tracked needs the noise of a reading, which this baseline does not show; say --noise-v SD".to_owned()
+            "--tracked needs the noise of a reading, which this baseline does not show; give --noise-v SD".to_owned()
         })
     }
 }
@@ -230,7 +230,7 @@ impl MethodArguments {
         match settings.ignored().first() {
             None => Ok(()),
             Some((key, methods)) => Err(format!(
-                "--{} belongs to --method {}; it has no meaning with {}",
+                "--{} belongs to --method {}; it does not apply to {}",
                 option(key),
                 methods.join(", "),
                 method.name()

@@ -95,8 +95,8 @@ fn contacts(fit: &SheetFit) -> Option<String> {
         .collect();
     (!named.is_empty()).then(|| {
         format!(
-            "the contact of electrode {} is implausible: look at it. A fitted contact explains the readings together with all \
-             that the model leaves out, it is no measured one",
+            "the contact of electrode {} is implausible: check it. A fitted contact absorbs everything that the model \
+             leaves out; it is not a measured contact",
             named.join(", ")
         )
     })

@@ -179,4 +179,4 @@ impl Reconstructor for DriftRemoved {
 
 /// What is assumed of the drift, for people.
 pub(crate) const REMARK: &str = "drift of gain, contacts and smooth fields since the baseline is estimated in each frame and removed; \
-     a crack or a set of the foam cannot be told from a load in one frame";
+     a crack or compression set of the foam cannot be distinguished from a load in one frame";

@@ -6,7 +6,7 @@ use eit::inverse::learned::network::OnnxError;
 
 /// A half frame is not completed for a model of whole frames: both readings of a pair would have the same noise, which
 /// a model trained on independent noise would interpret as a change of the sheet.
-const HALF: &str = ", or set survey.half = false (a whole frame), or take method = \"one-step\", which maps a half frame as it is";
+const HALF: &str = ", or set survey.half = false (a whole frame), or use method = \"one-step\", which accepts a half frame";
 
 /// Why no reconstructor can be built.
 #[derive(Debug, thiserror::Error)]
@@ -74,7 +74,7 @@ pub enum BuildError {
     /// The recording was not made with this geometry.
     #[error(
         "the baseline does not look like this geometry: it is zero, its readings have the opposite sign of the model's, or \
-         none is valid; if they are magnitudes, say --negate"
+         none is valid; if they are magnitudes, give --negate"
     )]
     Unlike,
     /// A calibration cannot be used.

@@ -98,10 +98,10 @@ fn contradicted(noise_uv: f64, other: &str, noise: f64) -> String {
     let noise_v = noise_uv * 1e-6;
     let effect = match noise > noise_v {
         true => "maps show noise as loads",
-        false => "maps are smoother than need be",
+        false => "maps are smoother than necessary",
     };
     format!(
-        "model.noise_uv is {} for one reading, {other} {}: {effect}; delete noise_uv, and the noise is measured on the \
+        "model.noise_uv is {} for one reading, {other} {}: {effect}; delete noise_uv to use the noise measured on the \
          baseline",
         Volts(noise_v),
         Volts(noise)

@@ -111,7 +111,7 @@ pub fn with_drift(
     }
     if settings.tracking == Some(true) {
         return Err(BuildError::Setting(
-            "drift = \"frame\" is for frames whose baseline is not followed: set tracking = false, or leave drift out".to_owned(),
+            "drift = \"frame\" is for frames whose baseline is not tracked: set tracking = false, or leave drift out".to_owned(),
         ));
     }
     let removed = |inner| {

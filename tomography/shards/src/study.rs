@@ -223,7 +223,7 @@ impl Study<'_> {
                 .and_then(|line| result_of(line, item))
                 .and_then(|value| serde_json::from_value(exact::decode(value)).ok());
             all.push(result.ok_or_else(|| {
-                damaged(&format!("item {item} ({}) is not there", self.items[item]))
+                damaged(&format!("item {item} ({}) is missing", self.items[item]))
             })?);
         }
         Ok(())
@@ -255,7 +255,7 @@ impl Study<'_> {
             None => Ok(()),
             Some(line) => {
                 let there: Value = serde_json::from_slice(&line).map_err(|_| {
-                    ShardError::damaged(path, "it is no shard: remove it, or name another folder")
+                    ShardError::damaged(path, "it is not a shard: remove it, or name another folder")
                 })?;
                 ShardError::refuse_difference(path, &there, &self.header(shard))
             }

@@ -154,7 +154,7 @@ impl<'p> ArtifactCache<'p> {
         let command = text.trim_end();
         let line = self.command_line(command, path);
         if self.program.check(&line).is_err() {
-            return Err(damaged("its words are no command of tactus-lab"));
+            return Err(damaged("its text is not a command of tactus-lab"));
         }
         Ok(Some(command.to_owned()))
     }

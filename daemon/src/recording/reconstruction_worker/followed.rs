@@ -49,7 +49,7 @@ impl Followed {
     /// Fits the sheet, and restores the state of the session, or of the last one with this baseline. Returns remarks too.
     ///
     /// # Errors
-    /// Why the baseline cannot be followed.
+    /// Why the baseline cannot be tracked.
     pub(super) fn start(
         context: TrackingContext,
         baseline: &Baseline,

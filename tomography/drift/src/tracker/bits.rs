@@ -24,7 +24,7 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64
     let text = String::deserialize(deserializer)?;
     if !text.is_ascii() || text.len() % DIGITS != 0 {
         return Err(D::Error::custom(
-            "the length is no multiple of 16 hexadecimal digits",
+            "the length is not a multiple of 16 hexadecimal digits",
         ));
     }
     (0..text.len() / DIGITS)

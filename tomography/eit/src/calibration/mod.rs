@@ -97,7 +97,7 @@ pub enum CalibrationError {
     },
     /// A press that its map does not show.
     #[error(
-        "press '{name}' ({newtons:.1} N) leaves no loss in its map: is it the right frame, and is the press inside the region?"
+        "press '{name}' ({newtons:.1} N) shows no loss in its map: is it the right frame, and is the press inside the region?"
     )]
     Unseen {
         /// Its name.
@@ -122,7 +122,7 @@ pub enum CalibrationError {
     },
     /// The presses do not lie on one curve.
     #[error(
-        "the presses contradict each other: no one curve serves them within {limit:.0} % (rms {rms:.0} %); the worst is '{worst}', \
+        "the presses contradict each other: no single curve fits them within {limit:.0} % (rms {rms:.0} %); the worst is '{worst}', \
          {found:.1} N by the curve and {newtons:.1} N by its mass. Check masses, areas and places"
     )]
     Contradictory {
@@ -257,7 +257,7 @@ impl Pressure {
 fn check(mesh: &Mesh, map: &Map) -> Result<(), CalibrationError> {
     if map.unit != MapUnit::RelativeConductance {
         return Err(CalibrationError::Other(format!(
-            "a map of {} is no relative change",
+            "a map of {} is not a relative change",
             map.unit.label()
         )));
     }

@@ -55,7 +55,7 @@ pub enum ForwardError {
     },
     /// Cells of another mesh.
     #[error(
-        "the cells of the parameters are those of a mesh of {has} elements, this one has {wants}"
+        "the cells of the parameters are for a mesh of {has} elements, this one has {wants}"
     )]
     Cells {
         /// Elements of the mesh that was cut into cells.
@@ -65,8 +65,8 @@ pub enum ForwardError {
     },
     /// A method that solves for changed conductances, and changes that fill a layer of the depth.
     #[error(
-        "targets are {height_mm} mm high, and this method solves for changes at every depth: use one-step or tv, or leave the \
-         height of the targets out"
+        "targets are {height_mm} mm high, and this method solves for changes over the full depth: use one-step or tv, \
+         or omit the height of the targets"
     )]
     Layer {
         /// Height of the layer, mm.
@@ -76,7 +76,7 @@ pub enum ForwardError {
     #[error("no element conducts")]
     NoConductance,
     /// The protocol is for another ring.
-    #[error("the protocol asks for {protocol} electrodes, the mesh has {mesh}")]
+    #[error("the protocol has {protocol} electrodes, the mesh has {mesh}")]
     Ring {
         /// Electrodes of the protocol.
         protocol: usize,
@@ -93,7 +93,7 @@ pub enum ForwardError {
     },
     /// The currents of a pattern do not sum to zero.
     #[error(
-        "the currents of pattern {pattern} sum to {sum:e} A; what enters the sheet must leave it"
+        "the currents of pattern {pattern} sum to {sum:e} A; the sum must be zero"
     )]
     CurrentSum {
         /// Column of the currents, from 0.

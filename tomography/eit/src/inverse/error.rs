@@ -44,15 +44,15 @@ pub enum OneStepError {
     },
     /// The prior could not be inverted, or the readings do not determine its null space.
     #[error(
-        "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
+        "the prior cannot be inverted on this geometry: no reading depends on some part of the region"
     )]
     Prior,
     /// A property of one matrix for all frames was asked of a method that chooses lambda for each frame.
-    #[error("each frame has a lambda of its own; no matrix serves all frames")]
+    #[error("each frame has its own lambda; there is no single matrix for all frames")]
     PerFrame,
     /// A map error was given for a method that chooses lambda for each frame.
     #[error(
-        "a map error can be allowed only where one matrix serves all frames, not with a lambda for each frame"
+        "a map error can be allowed only if there is one matrix for all frames, not with a lambda for each frame"
     )]
     MapErrorPerFrame,
     /// No lambda has the requested noise figure.

@@ -85,7 +85,7 @@ pub struct OneStepOptions {
     pub prior: Prior,
     /// The hyper-parameter.
     pub hyper: Hyper,
-    /// Bounds the map to -1 <= x <= 0: loads only take conductance away.
+    /// Bounds the map to -1 <= x <= 0: loads only reduce conductance.
     pub loss_only: bool,
     /// With `loss_only`, the largest share of the squared change of a frame that the bounded map may leave unexplained beyond
     /// what the unbounded one leaves: a frame with more shows gains, and its map is not bounded. `None`: every map is.

@@ -96,7 +96,7 @@ pub enum ReconstructError {
     },
     /// More readings are missing than [`MOST_MISSING`] or [`MOST_MISSING_TRAINED`].
     #[error(
-        "{missing} of {readings} readings are missing, more than {most_percent:.0} %: no map; look at the wiring and the range"
+        "{missing} of {readings} readings are missing, more than {most_percent:.0} %: no map; check the wiring and the range"
     )]
     TooManyMissing {
         /// Readings that are not valid in baseline or frame.
@@ -117,7 +117,7 @@ pub enum ReconstructError {
     OppositeSign,
     /// The input is far from everything the network was trained on.
     #[error(
-        "the frame lies outside of what the model was trained on: novelty {novelty:.1}, limit {limit}; record a new \
+        "the frame is unlike the training data of the model: novelty {novelty:.1}, limit {limit}; record a new \
          baseline, or train with loads and noise like these"
     )]
     OutsideModel {

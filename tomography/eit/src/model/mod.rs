@@ -163,7 +163,7 @@ pub enum ModelError {
         why: String,
     },
     /// A kind or version that this build does not support.
-    #[error("model file {} holds {holds}, this build knows rbf and deep of version {VERSION}: train it again, or use another build", .path.display())]
+    #[error("model file {} has {holds}, this build reads rbf and deep of version {VERSION}: train it again, or use another build", .path.display())]
     Kind {
         /// The file.
         path: PathBuf,
@@ -435,7 +435,7 @@ fn fits(network: &Network, mesh: &Mesh, protocol: &Protocol) -> Result<(), Strin
         // checked when it was constructed
         Network::Rbf(_) => Ok(()),
         Network::Deep(_, familiar) if familiar.is_sound(inputs) => Ok(()),
-        Network::Deep(..) => Err("what it has seen is not described in finite numbers".to_owned()),
+        Network::Deep(..) => Err("its training inputs are not described in finite numbers".to_owned()),
     }
 }
 

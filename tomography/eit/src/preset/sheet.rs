@@ -192,7 +192,7 @@ impl PaperSheet {
         )?;
         if self.electrode == SheetElectrode::Void && self.inset_mm <= 0.5 * self.void_mm {
             return refuse(
-                "inset_mm must exceed half of void_mm, or the voids reach the edge".into(),
+                "inset_mm must exceed half of void_mm, otherwise the voids reach the edge".into(),
             );
         }
         let centres = self.centres_mm();

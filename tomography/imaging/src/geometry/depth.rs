@@ -123,8 +123,8 @@ impl Geometry {
             100.0 * flat
         );
         if contradicted {
-            text += ": the data contradict this depth; measure the liquid and the height of the electrodes again, or leave \
-                     the depth out";
+            text += ": the data contradict this depth; measure the liquid and the height of the electrodes again, or \
+                     omit the depth";
         }
         Some(DepthRemark { text, contradicted })
     }

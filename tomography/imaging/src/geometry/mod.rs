@@ -68,7 +68,7 @@ pub enum GeometryError {
         cause: CaseError,
     },
     /// The dimensions of the preset are inconsistent.
-    #[error("the preset makes no mesh")]
+    #[error("no mesh can be made from the preset")]
     Preset(#[source] MeshError),
     /// The depth is inconsistent.
     #[error("[geometry.depth]")]

@@ -42,7 +42,7 @@ pub(super) fn hyper(
         return Ok((Hyper::Lambda(lambda), None));
     }
     if let Some(figure) = settings.noise_figure {
-        let note = "lambda is the one with the noise figure asked for";
+        let note = "lambda is the one with the requested noise figure";
         return Ok((Hyper::NoiseFigure(figure), Some(note.to_owned())));
     }
     let current = conditions.current.0;

@@ -20,7 +20,7 @@ pub enum RecordedError {
     Frames(#[source] CaseError),
     /// Frames with different currents for different readings.
     #[error(
-        "{} injects different currents; divide the readings by their current and leave the column current_A out",
+        "{} injects different currents; divide the readings by their current and omit the column current_A",
         .0.display()
     )]
     Currents(PathBuf),
@@ -54,7 +54,7 @@ pub enum RecordedError {
         frames: usize,
     },
     /// The frames do not make a baseline.
-    #[error("the frames of '{requested}' do not make a baseline")]
+    #[error("no baseline can be made from the frames of '{requested}'")]
     Baseline {
         /// The rule as given.
         requested: String,
@@ -63,6 +63,6 @@ pub enum RecordedError {
         cause: BaselineError,
     },
     /// A session without a baseline, and no rule that selects its frames.
-    #[error("session {0} has no baseline; say which frames are it: baseline = \"first:N\"")]
+    #[error("session {0} has no baseline; name its frames: baseline = \"first:N\"")]
     NoBaseline(String),
 }

@@ -59,7 +59,7 @@ impl Fitted {
                 scale = Scale::Currents(currents.to_vec());
             } else {
                 notes.push(format!(
-                    "the baseline is {excess:.3} times what the given conductance and currents say: scaled to it"
+                    "the baseline is {excess:.3} times that of the given conductance and currents: the model is scaled to it"
                 ));
             }
         }

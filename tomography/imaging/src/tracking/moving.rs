@@ -129,15 +129,16 @@ impl Tracking {
         let load = load?;
         if !load.accepted {
             return Some(
-                "one load on a straight path does not explain the readings: it came, turned or went within the last injections, \
-                 or several lie there; the next injections or the map of the frame tell"
+                "one load on a straight path does not explain the readings: it was placed, changed direction or was \
+                 removed within the last injections, or there are several loads; wait for the next injections or the \
+                 map of the frame"
                     .to_owned(),
             );
         }
         let ([sd_m, _], _) = principal_axes(load.covariance);
         (sd_m > MOST_PLACE_SD_M).then(|| {
             let sd_mm = 1e3 * sd_m;
-            format!("the place is uncertain by {sd_mm:.1} mm; the next injections tell")
+            format!("the position is uncertain by {sd_mm:.1} mm; wait for the next injections")
         })
     }
 }

@@ -58,7 +58,7 @@ impl Orders {
                 path: path.to_owned(),
                 place: format!("the event {ORDERED} of {}", event.at),
                 why: format!(
-                    "'{}' is no order that this version knows: {}",
+                    "'{}' is not an order that this version knows: {}",
                     event.text,
                     TrackingOrder::ALL.map(TrackingOrder::name).join(", ")
                 ),

@@ -16,7 +16,7 @@ const EMPTY_WITHIN_S: f64 = 3600.0;
 pub(super) const REGION_95: f64 = 2.447_746_830_680_816;
 const INTERVAL_95: f64 = 1.959_963_984_540_054;
 /// What ends a doubt that an empty frame would end.
-const TAKE_OFF: &str = "take everything off for a few frames, or, if nothing lies there, order `tactus baseline empty-now`";
+const TAKE_OFF: &str = "remove everything from the sheet for a few frames, or, if it is empty, run `tactus baseline empty-now`";
 
 /// What the tracked baseline says of a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -82,7 +82,7 @@ impl Doubtful {
             Self::ChangedWithinFrame => "the load changed within the frame",
             Self::NeverEmpty => "never empty since the baseline",
             Self::SlowChange => "the place changed slowly before",
-            Self::DeclaredLoaded => "something lies there, by the order of a person",
+            Self::DeclaredLoaded => "declared loaded by a user",
         }
     }
 }
@@ -169,7 +169,7 @@ impl Tracked {
             known: false,
             reason: Some(Doubtful::TooFewReadings),
             text: Some(
-                "fewer than half of the pairs of readings were measured; it ends with the next whole frame".to_owned(),
+                "fewer than half of the pairs of readings were measured; this ends with the next complete frame".to_owned(),
             ),
             place: None,
             loads: state.loads(),
@@ -194,8 +194,8 @@ fn doubt(
 ) -> Option<(Doubtful, String)> {
     if answer.judgement == Judgement::Unknown {
         let text = format!(
-            "{} electrodes are faulty, at most three may be; repair their contacts, an hour later they are used again (no order \
-             ends it)",
+            "{} electrodes are faulty, more than three; repair their contacts: they are used again an hour later (no \
+             order ends this state)",
             answer.masked.len()
         );
         return Some((Doubtful::TooManyElectrodes, text));
@@ -203,13 +203,13 @@ fn doubt(
     if answer.judgement == Judgement::Loaded {
         if age_s > EMPTY_WITHIN_S && answer.since_empty_s >= age_s {
             let text = format!(
-                "the sheet was never empty since its baseline, so that drift and load cannot be told apart; {TAKE_OFF}"
+                "the sheet was never empty since its baseline, so that drift and load cannot be distinguished; {TAKE_OFF}"
             );
             return Some((Doubtful::NeverEmpty, text));
         }
         if answer.held && load.is_none() {
-            let text = "a person said that something lies on the sheet, and the readings do not show where; \
-                `tactus baseline empty-now` ends it, once nothing lies there";
+            let text = "a user declared the sheet loaded, and the readings do not show where; run `tactus baseline \
+                empty-now` when the sheet is empty";
             return Some((Doubtful::DeclaredLoaded, text.to_owned()));
         }
         let (disc, place) = load?;
@@ -217,12 +217,12 @@ fn doubt(
         let sd_mm = 1e3 * principal_axes(disc.covariance).0[0];
         if sd_mm > 1e3 * MOST_PLACE_SD_M && answer.event.is_some() && !disc.accepted {
             let text =
-                "the load changed, perhaps while this frame was measured; the next frame will tell";
+                "the load changed, possibly while this frame was measured; wait for the next frame";
             return Some((Doubtful::ChangedWithinFrame, text.to_owned()));
         }
         if sd_mm > 1e3 * MOST_PLACE_SD_M {
             let text = format!(
-                "the sheet was last empty {} ago, so that the place is uncertain by {sd_mm:.1} mm; {TAKE_OFF}",
+                "the sheet was last empty {} ago, so that the position is uncertain by {sd_mm:.1} mm; {TAKE_OFF}",
                 Hours(answer.since_empty_s)
             );
             return Some((Doubtful::NotEmptyForLong, text));
@@ -242,9 +242,9 @@ fn is_at(alarm: &AnchorAlarm, place: &PlaceRegion) -> bool {
 fn slow_change(alarm: &AnchorAlarm) -> String {
     let [x, y] = alarm.centre.map(|metres| 1e3 * metres);
     format!(
-        "conductance at ({x:.0}, {y:.0}) mm changed slowly by {:.1} % within {:.0} days: a load or age, which readings \
-         cannot tell apart; look at the sheet, then order `tactus baseline forget-anchor` (it is age), `loaded-now` (a load lies \
-         there) or `empty-now` (nothing lies on the sheet)",
+        "conductance at ({x:.0}, {y:.0}) mm changed slowly by {:.1} % within {:.0} days: a load or ageing, which \
+         readings cannot distinguish; inspect the sheet, then run `tactus baseline forget-anchor` (ageing), \
+         `loaded-now` (a load) or `empty-now` (the sheet is empty)",
         100.0 * alarm.change,
         alarm.age_days
     )
@@ -268,10 +268,10 @@ impl fmt::Display for Tracked {
                 }
             }
             (Judgement::Loaded, None) if self.held => {
-                write!(f, "a load, by the order of a person")?
+                write!(f, "a load, declared by a user")?
             }
             (Judgement::Loaded, None) => write!(f, "{} loads", self.loads)?,
-            (Judgement::Unknown, _) => write!(f, "nothing is known of this frame")?,
+            (Judgement::Unknown, _) => write!(f, "this frame cannot be evaluated")?,
         }
         if let Some(fault) = &self.fault {
             write!(f, "; {fault}")?;

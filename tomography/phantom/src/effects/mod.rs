@@ -278,27 +278,27 @@ const CONTRADICTING: [(&str, &str, &str); 5] = [
     (
         "gauge-law",
         "exponential-law",
-        "both say what a strain does to the conductance",
+        "both define the effect of a strain on the conductance",
     ),
     (
         "gauge-law",
         "log-law",
-        "both say what a load does to the conductance",
+        "both define the effect of a load on the conductance",
     ),
     (
         "exponential-law",
         "log-law",
-        "both say what a load does to the conductance",
+        "both define the effect of a load on the conductance",
     ),
     (
         "foam",
         "log-law",
-        "the film takes the pressure itself, no strain",
+        "the film uses the pressure itself, not a strain",
     ),
     (
         "creep",
         "power-law-creep",
-        "both say how a loss grows under a load that stays",
+        "both define how a loss grows under a constant load",
     ),
 ];
 

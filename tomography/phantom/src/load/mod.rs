@@ -95,7 +95,7 @@ pub enum LoadError {
     },
     /// Discs of a figure-eight that do not overlap.
     #[error(
-        "load '{load}': discs of {diameter_mm} mm, {distance_mm} mm apart, make no figure-eight"
+        "load '{load}': discs of {diameter_mm} mm, {distance_mm} mm apart, do not make a figure-eight"
     )]
     Apart {
         /// Its name.

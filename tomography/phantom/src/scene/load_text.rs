@@ -182,7 +182,7 @@ impl LoadText {
             None => None,
             Some(repeat) => {
                 let lies = to.map(|to| to - from).ok_or_else(|| {
-                    let why = "a load that comes again needs to_s: it is taken away before";
+                    let why = "a repeated load needs to_s: it is removed before it is placed again";
                     Fault(repeat.span(), why.to_owned())
                 })?;
                 Some(repeat.into_inner().repeat(lies, "the load lies there")?)

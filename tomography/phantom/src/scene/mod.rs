@@ -313,7 +313,7 @@ impl Text {
                 let span = contact.span();
                 let ContactText { electrode, ohm } = contact.into_inner();
                 if !(ohm >= 0.0 && ohm.is_finite()) {
-                    return Err(Fault(span, format!("a contact of {ohm} ohm cannot be")));
+                    return Err(Fault(span, format!("a contact of {ohm} ohm is not possible")));
                 }
                 Electrode::from_number(electrode)
                     .filter(|electrode| electrode.0 < electrodes)
@@ -359,7 +359,7 @@ fn pressure(
     };
     if let (Some(half), Some(law)) = (&text.half_kpa, effects.own_law()) {
         let why = format!(
-            "pressure.half_kpa contradicts effects.{law}: both say what a load does to the conductance"
+            "pressure.half_kpa contradicts effects.{law}: both define the effect of a load on the conductance"
         );
         return Err(Fault(half.span(), why));
     }

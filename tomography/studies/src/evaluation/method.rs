@@ -136,7 +136,7 @@ impl MethodOptions {
             Fitted::new(geometry, &case.protocol, &case.currents, unloaded).map_err(not_built)?;
         let conditions = fitted.conditions(&case.protocol);
         Tracking::new(&conditions, &unloaded.readings, noise_v, at_s)
-            .map_err(|fault| Failure::of("the baseline cannot be followed", &fault))
+            .map_err(|fault| Failure::of("the baseline cannot be tracked", &fault))
     }
 
     /// The largest loss by noise alone in maps of a prepared model; `None` if the noise of a reading is unknown.
@@ -188,7 +188,7 @@ impl MethodOptions {
         match &self.sigma0 {
             None => Ok(()),
             Some(_) => Err(Failure::usage(format!(
-                "--sigma0 belongs to the model-based methods and has no meaning with {with}"
+                "--sigma0 belongs to the model-based methods and does not apply to {with}"
             ))),
         }
     }
@@ -198,7 +198,7 @@ impl MethodOptions {
         match self.cases {
             None => Ok(()),
             Some(cases) => Err(Failure::usage(format!(
-                "--cases {cases} belongs to the methods that are trained for the case, linear and rbf, and has no meaning with {with}"
+                "--cases {cases} belongs to the methods that are trained for the case, linear and rbf, and does not apply to {with}"
             ))),
         }
     }

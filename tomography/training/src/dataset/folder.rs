@@ -139,7 +139,7 @@ fn first_line(path: &Path, own: Option<&Value>) -> Result<Option<Value>, DataSet
     let refused = || {
         DataSetError::unusable(
             path,
-            " is no shard of this set: remove it, or give another --out",
+            " is not a shard of this set: remove it, or give another --out",
         )
     };
     // another process may have completed and renamed its part since the folder was listed

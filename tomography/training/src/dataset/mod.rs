@@ -167,7 +167,7 @@ fn full(part: &Path, cause: &std::io::Error) -> DataSetError {
     DataSetError::unusable(
         part,
         format!(
-            ": {cause}; the cases written so far stay: make room and run the same command again"
+            ": {cause}; the cases written so far are kept: free space and run the same command again"
         ),
     )
 }

@@ -57,7 +57,7 @@ impl DataSet {
         let Some((path, first)) = manifests.first() else {
             return Err(wrong(
                 folder,
-                "no shard there; make one with tactus-lab dataset",
+                "the folder has no shard; make one with tactus-lab dataset",
             ));
         };
         let head = first["header"].clone();
@@ -90,7 +90,7 @@ impl DataSet {
                 return Err(wrong(
                     path,
                     &format!(
-                        "a shard of another set than {}: take one of them away",
+                        "a shard of another set than {}: remove one of them",
                         manifests[0].0.display()
                     ),
                 ));

@@ -30,7 +30,7 @@ pub(super) struct TrainingState {
 pub enum CheckpointFault {
     /// It cannot be written.
     #[error(
-        "checkpoint {path}: make room or give another --checkpoint, then the same command goes on from the last one"
+        "checkpoint {path}: free space or give another --checkpoint, then the same command continues from the last checkpoint"
     )]
     Unwritten {
         /// The file.
@@ -49,7 +49,7 @@ pub enum CheckpointFault {
         cause: io::Error,
     },
     /// Its content is damaged.
-    #[error("checkpoint {path} is damaged ({why}): remove it to begin anew")]
+    #[error("checkpoint {path} is damaged ({why}): remove it to start again")]
     Damaged {
         /// The file.
         path: String,
@@ -100,7 +100,7 @@ pub(super) fn write(
     let file =
         OutFile::create(path, Existing::Replace).map_err(|refused| failed(refused.into_io()))?;
     let Some(temporary) = file.temporary_path() else {
-        let text = "a checkpoint is read again, which a device or a pipe cannot be";
+        let text = "a checkpoint is read again, which is not possible for a device or a pipe";
         return Err(failed(io::Error::other(text)));
     };
     safetensors::serialize_to_file(

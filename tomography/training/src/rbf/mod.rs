@@ -22,9 +22,9 @@ pub fn spread_note(report: &TrainingReport) -> Option<String> {
     let times = report.spread_over_median;
     (times > SPREAD_RULED).then(|| match times < least_squares::MEDIAN_OF_ZERO {
         true => format!(
-            "the spread is {times:.0} median distances: a few cases near electrodes rule it (Eq. 13)"
+            "the spread is {times:.0} median distances: a few cases near electrodes determine it (Eq. 13)"
         ),
-        false => "most cases are alike: the others alone rule the spread (Eq. 13)".to_owned(),
+        false => "most cases are alike: the others alone determine the spread (Eq. 13)".to_owned(),
     })
 }
 

@@ -69,8 +69,7 @@ pub enum TrainError {
     Check(#[from] OneStepError),
     /// Too few repeats of the baseline.
     #[error(
-        "the readings' covariance is not definite: measured repeats of the baseline are too few to stand alone; give \
-         --noise-v"
+        "the readings' covariance is not definite: there are too few measured repeats of the baseline; give --noise-v"
     )]
     Covariance,
     /// Readings with several currents.
@@ -80,6 +79,6 @@ pub enum TrainError {
     #[error("all samples of the training set are alike; more cases or a larger radius are needed")]
     Alike,
     /// The least-squares problem gave numbers that are not finite.
-    #[error("the weights could not be found: the least-squares problem gave out")]
+    #[error("the weights could not be computed: the least-squares problem has no solution")]
     Weights,
 }

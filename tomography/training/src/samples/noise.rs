@@ -80,14 +80,14 @@ impl Noise {
                     return Err(refuse(
                         "repeats of the baseline",
                         count as f64,
-                        "2 or more (20 or more for a covariance worth the name)",
+                        "2 or more (20 or more for a useful covariance)",
                     ));
                 }
                 if let Some(row) = volts.iter().find(|row| row.len() != baseline.len()) {
                     return Err(refuse(
                         "readings of a repeat of the baseline",
                         row.len() as f64,
-                        "one a question of the protocol",
+                        "one per measurement of the protocol",
                     ));
                 }
                 if volts.iter().flatten().any(|value| !value.is_finite()) {
@@ -119,7 +119,7 @@ impl Noise {
                     return Err(refuse(
                         "readings of a row of the drift",
                         drift_v[0].len() as f64,
-                        "one a question of the protocol",
+                        "one per measurement of the protocol",
                     ));
                 }
                 let level = both * noise_v / current_a / top;

@@ -1,4 +1,4 @@
-//! The one-step problem with the bound -1 <= x <= 0: loads only take conductance away.
+//! The one-step problem with the bound -1 <= x <= 0: loads only reduce conductance.
 //!
 //! min |J x - d|^2 / 2 + lambda^2 x'Rx / 2  over  -1 <= x <= 0. If R is diagonal, the dual in the space of readings is
 //! smooth and convex: with s = J'u the map is x = clip(s / R, -1, 0), and u solves lambda^2 u + J x(u) = d. A

@@ -341,9 +341,9 @@ impl Reconstructor for NonlinearTv {
                 None => "errors of a size that the frame itself shows".to_owned(),
             },
             match self.most_gain {
-                None => "loads only take conductance away".to_owned(),
+                None => "loads only reduce conductance".to_owned(),
                 Some(most) => format!(
-                    "loads only take conductance away, unless that leaves more than {:.0} % of a frame's change unexplained",
+                    "loads only reduce conductance, unless that leaves more than {:.0} % of a frame's change unexplained",
                     100.0 * most
                 ),
             },

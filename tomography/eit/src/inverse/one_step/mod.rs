@@ -279,24 +279,24 @@ impl Reconstructor for OneStep {
             ));
             if fixed.degrees < 1.0 {
                 notes.push(
-                    "less than one degree of freedom: the hyper-parameter leaves a map of nothing, whatever is pressed"
+                    "less than one degree of freedom: with this hyper-parameter the map is empty, whatever the load"
                         .to_owned(),
                 );
             }
         }
         if self.raised() {
             notes.push(format!(
-                "the noise asked for less: a linear model is not exact to more than {MODEL_SHARE:e} of its size"
+                "the noise permits a smaller lambda, but a linear model is not exact to more than {MODEL_SHARE:e} of its size"
             ));
         }
         if let (Some(_), Some(most)) = (&self.bounded, self.most_gain) {
             notes.push(format!(
-                "loads only take conductance away (-1 <= dsigma/sigma0 <= 0), unless that leaves more than {:.0} % of a frame's \
+                "loads only reduce conductance (-1 <= dsigma/sigma0 <= 0), unless that leaves more than {:.0} % of a frame's \
                  change unexplained",
                 100.0 * most
             ));
         } else if self.bounded.is_some() {
-            notes.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
+            notes.push("loads only reduce conductance: -1 <= dsigma/sigma0 <= 0".to_owned());
         }
         let quick = self.fixed().and_then(|fixed| fixed.quick.as_ref());
         notes.extend(quick.map(Quick::description));

@@ -236,7 +236,7 @@ impl Tv {
         let problem = self.problem(&sensitivity, seen.data.clone(), &weights, constant);
         let found = problem.minimum_offline(2e-9);
         found.ok_or_else(|| {
-            self.numerical("the interior method over all triangles gave out".to_owned())
+            self.numerical("the interior-point method over all triangles did not converge".to_owned())
         })
     }
 
@@ -368,7 +368,7 @@ impl Reconstructor for Tv {
         );
         match (options.strength, &self.frame_rule, options.noise_v) {
             (Strength::Alpha(_), ..) => {
-                notes.push("alpha was given, readings count alike".to_owned());
+                notes.push("alpha was given, readings have equal weight".to_owned());
             }
             (_, Some(rule), noise) => notes.push(format!(
                 "alpha is for errors of {:.2e} and grows with those of each frame, which follow {}; at least {}; {rank}",
@@ -386,7 +386,7 @@ impl Reconstructor for Tv {
             )),
         }
         if options.loss_only {
-            notes.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
+            notes.push("loads only reduce conductance: -1 <= dsigma/sigma0 <= 0".to_owned());
         }
         notes
     }

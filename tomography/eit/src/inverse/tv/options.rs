@@ -44,7 +44,7 @@ pub struct TvOptions {
     pub current_a: f64,
     /// The penalty.
     pub strength: Strength,
-    /// Bounds the map to -1 <= x <= 0: loads only take conductance away.
+    /// Bounds the map to -1 <= x <= 0: loads only reduce conductance.
     pub loss_only: bool,
     /// Stop when the objective exceeds the minimum by at most this share.
     pub gap: f64,

@@ -42,7 +42,7 @@ impl Reconstructor for LossOnly {
     fn assumptions(&self) -> Vec<String> {
         let mut notes = self.inner.assumptions();
         notes.push(
-            "loads only take conductance away: what lies beyond -1 <= dsigma/sigma0 <= 0 is cut"
+            "loads only reduce conductance: values beyond -1 <= dsigma/sigma0 <= 0 are clipped"
                 .to_owned(),
         );
         notes

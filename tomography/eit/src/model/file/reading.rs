@@ -41,7 +41,7 @@ pub(in crate::model) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelE
     ] {
         if *stated != found {
             return Err(damaged(format!(
-                "it says {what} {stated} and holds {found}"
+                "it states {what} {stated} and has {found}"
             )));
         }
     }
@@ -159,7 +159,7 @@ fn training_numbers(metadata: &Metadata) -> Result<(), String> {
     let misfit = metadata.own_misfit.as_ref();
     if misfit.is_some_and(|misfit| !misfit.is_sound()) {
         return Err(
-            "its own_misfit has no classes, classes out of order, or numbers that cannot be; train it again"
+            "its own_misfit has no classes, classes out of order, or impossible numbers; train it again"
                 .to_owned(),
         );
     }
@@ -235,7 +235,7 @@ impl<'a> Tensors<'a> {
         // Every electrode has an edge: a larger number would only allocate memory.
         if electrodes > ends.len() / 3 {
             return Err(self.damaged(format!(
-                "it says {electrodes} electrodes and holds {} edges of them",
+                "it states {electrodes} electrodes and has {} edges of them",
                 ends.len() / 3
             )));
         }

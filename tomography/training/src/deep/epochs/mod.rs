@@ -96,7 +96,7 @@ pub enum DeepFault {
     Sample(#[from] SampleError),
     /// The loss diverged.
     #[error(
-        "the loss is {loss} at step {step} of epoch {epoch}: the training ran away; give a smaller learning_rate"
+        "the loss is {loss} at step {step} of epoch {epoch}: the training diverged; give a smaller learning_rate"
     )]
     RanAway {
         /// Loss of the batch.

@@ -103,7 +103,7 @@ impl Reconstructor for DeepReconstructor {
         if let Some(triangle) = values.iter().position(|value| !value.is_finite()) {
             return Err(ReconstructError::Numerical {
                 method: self.trained.method.clone(),
-                cause: format!("its answer for triangle {triangle} is {}", values[triangle]),
+                cause: format!("its value for triangle {triangle} is {}", values[triangle]),
             });
         }
         let values = values.into_iter().map(f64::from).collect();

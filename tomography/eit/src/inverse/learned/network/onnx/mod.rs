@@ -21,15 +21,15 @@ use crate::{Mesh, Reconstructor};
 #[derive(Debug, thiserror::Error)]
 pub enum OnnxError {
     /// This build cannot run such networks.
-    #[error("ONNX file {}: this build runs no ONNX networks; build it with --features onnx", .path.display())]
+    #[error("ONNX file {}: this build cannot run ONNX networks; build it with --features onnx", .path.display())]
     NotBuilt {
         /// The file.
         path: PathBuf,
     },
     /// The machine has no ONNX Runtime.
     #[error(
-        "ONNX Runtime cannot be loaded from {place} ({cause}): install it (e.g. pip install onnxruntime) and say where in \
-         ORT_DYLIB_PATH"
+        "ONNX Runtime cannot be loaded from {place} ({cause}): install it (e.g. pip install onnxruntime) and set its \
+         path in ORT_DYLIB_PATH"
     )]
     Runtime {
         /// The library.

@@ -200,7 +200,7 @@ impl Reconstructor for OnnxReconstructor {
         }
         if let Some(triangle) = values.iter().position(|value| !value.is_finite()) {
             return Err(failed(format!(
-                "its answer for triangle {triangle} is {}",
+                "its value for triangle {triangle} is {}",
                 values[triangle]
             )));
         }
