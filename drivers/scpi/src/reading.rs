@@ -67,7 +67,7 @@ impl ReplyError {
 /// Anything else, the empty reply included.
 pub fn parse_reading(text: &str) -> Result<Answer, ReplyError> {
     let trimmed = text.trim();
-    let unsigned = trimmed.trim_start_matches(['+', '-']);
+    let unsigned = trimmed.strip_prefix(['+', '-']).unwrap_or(trimmed);
     let negative = trimmed.starts_with('-');
     if unsigned.eq_ignore_ascii_case("INF") || unsigned.eq_ignore_ascii_case("INFINITY") {
         return Ok(Answer::Overload { negative });
@@ -129,7 +129,8 @@ pub fn parse_integer(text: &str) -> Result<i64, ReplyError> {
 /// # Errors
 /// Anything else.
 pub fn parse_boolean(text: &str) -> Result<bool, ReplyError> {
-    match text.trim().trim_start_matches('+') {
+    let trimmed = text.trim();
+    match trimmed.strip_prefix('+').unwrap_or(trimmed) {
         "0" => Ok(false),
         "1" => Ok(true),
         _ => Err(ReplyError::new(text, "0 or 1")),
@@ -262,6 +263,28 @@ mod tests {
         ] {
             assert!(parse_readings(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn a_value_has_at_most_one_sign() {
+        for text in [
+            "+-INF",
+            "--INF",
+            "++INFINITY",
+            "+-NAN",
+            "+NINF",
+            "+-1",
+            "++9.9E37",
+        ] {
+            assert!(parse_reading(text).is_err(), "{text}");
+        }
+        for text in ["++1", "++0", "+-1", "-1", "+", ""] {
+            assert!(parse_boolean(text).is_err(), "{text}");
+        }
+        assert_eq!(
+            ["0", "+0", "1", "+1"].map(parse_boolean),
+            [Ok(false), Ok(false), Ok(true), Ok(true)]
+        );
     }
 
     #[test]
