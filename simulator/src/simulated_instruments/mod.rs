@@ -90,8 +90,8 @@ pub struct TranscriptLine {
     pub answered: Option<String>,
 }
 
-/// Outcome of a message.
-#[derive(Debug)]
+/// Outcome of a message; without a reply by default.
+#[derive(Debug, Default)]
 pub(crate) struct MessageOutcome {
     pub(crate) text: Option<String>,
     /// Time until the reply, in real time.

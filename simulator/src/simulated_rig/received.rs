@@ -9,14 +9,18 @@ use crate::instrument::Instrument;
 use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
 use crate::simulated_rig::SimulatedRig;
 
+/// The rig's own session.
+const OWN_SESSION: u32 = 0;
+
 impl SimulatedRig {
     /// Passes a message to an instrument; returns its reply and the time it takes for the caller.
     pub fn receive(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
-        let received = self.receive_from(instrument, 0, line, ReplyTiming::AtOnce);
+        let received = self.receive_from(instrument, OWN_SESSION, line, ReplyTiming::AtOnce);
         (received.text, received.wait)
     }
 
-    /// As [`SimulatedRig::receive`], from a session with an output queue of its own.
+    /// As [`SimulatedRig::receive`], from a session with an output queue of its own. A message of a session that has
+    /// ended meanwhile is not executed, and has no reply.
     pub(crate) fn receive_from(
         &self,
         instrument: Instrument,
@@ -27,6 +31,10 @@ impl SimulatedRig {
         self.apply_due_faults();
         let mut received = {
             let mut instruments = self.instruments();
+            if self.has_ended(session) {
+                tracing::debug!("a message to the {instrument} is dropped: its client has left");
+                return MessageOutcome::default();
+            }
             let at = instruments.now();
             let received = instruments.receive(instrument, session, line, timing);
             self.record_line(
@@ -53,6 +61,12 @@ impl SimulatedRig {
         }
         self.shared.changed.notify_waiters();
         received
+    }
+
+    /// Whether a client's session has ended; the rig's own never does. The answer holds while the caller has locked the
+    /// instruments: the end of a session waits for them.
+    fn has_ended(&self, session: u32) -> bool {
+        session != OWN_SESSION && !self.clients().contains_key(&session)
     }
 
     /// Performs what is due; returns whether a session's postponed reply is there before its time.
@@ -114,7 +128,12 @@ impl SimulatedRig {
     }
 
     pub(crate) fn clear_session(&self, instrument: Instrument, session: u32) {
-        self.instruments().clear_session(instrument, session);
+        let mut instruments = self.instruments();
+        // A clear stops a measurement, which another client may have started since.
+        if !self.has_ended(session) {
+            instruments.clear_session(instrument, session);
+        }
+        drop(instruments);
         self.shared.changed.notify_waiters();
     }
 
@@ -125,5 +144,52 @@ impl SimulatedRig {
 
     pub(crate) fn status_byte(&self, instrument: Instrument) -> u8 {
         self.instruments().status_byte(instrument)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::client::ClientSession;
+    use crate::{Pace, Profile, Scene};
+
+    #[tokio::test]
+    async fn messages_of_an_ended_session_are_not_executed() {
+        let profile = Profile::default().at_pace(Pace::Instant);
+        let rig = SimulatedRig::new(&profile, Scene::quiet()).unwrap();
+        for (instrument, message) in [
+            (Instrument::Source, "OUTP ON"),
+            (Instrument::Mainframe, "ROUT:CLOS (@1036)"),
+        ] {
+            let client = ClientSession::register(&rig, instrument, "memory");
+            let clients: Vec<u32> = rig.clients().keys().copied().collect();
+            let [session] = clients[..] else {
+                panic!("{clients:?}");
+            };
+            let from = |line| rig.receive_from(instrument, session, line, ReplyTiming::AtOnce);
+            assert!(from("*IDN?").text.is_some());
+            let before = rig.messages(instrument);
+            // Its message waits for a thread while the connection is reset.
+            drop(client);
+            let outcome = from(message);
+            assert_eq!((outcome.text, outcome.later), (None, false));
+            assert!(from("*IDN?").text.is_none());
+            assert_eq!(rig.messages(instrument), before);
+        }
+        assert!(!rig.source_output().0);
+        assert!(rig.closed().is_empty());
+    }
+
+    #[tokio::test]
+    async fn a_clear_of_an_ended_session_stops_no_measurement() {
+        let profile = Profile::default().at_pace(Pace::Instant);
+        let rig = SimulatedRig::new(&profile, Scene::quiet()).unwrap();
+        let ask = |line| rig.receive(Instrument::Mainframe, line).0;
+        ask("TRIG:SOUR BUS;:INIT");
+        assert_eq!(ask("STAT:OPER:COND?").as_deref(), Some("+32"));
+        rig.clear_session(Instrument::Mainframe, u32::MAX);
+        assert_eq!(ask("STAT:OPER:COND?").as_deref(), Some("+32"));
+        rig.clear_session(Instrument::Mainframe, OWN_SESSION);
+        assert_eq!(ask("STAT:OPER:COND?").as_deref(), Some("+0"));
     }
 }
