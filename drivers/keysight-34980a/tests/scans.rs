@@ -243,6 +243,54 @@ fn a_year_without_commands_costs_at_most_a_full_memory() {
 }
 
 #[test]
+fn skipped_sweeps_leave_memory_state_and_closures_alike() {
+    let relays = "(@1001,1002,1036,1037,1911,1922)";
+    // Sets up a scan; four-wire readings close the partners and both buses.
+    for set_up in [
+        "CONF:FRES 1000,(@1001:1002)",
+        "CONF:VOLT 10,(@1001:1003);:TRIG:SOUR TIM;TIM 0.5",
+        "CONF:VOLT 10;:SAMP:COUN 3",
+    ] {
+        let end = START + Duration::from_secs(600);
+        let scan = |step_by_step: bool| {
+            let mut settings = Settings34980a {
+                memory: 50,
+                ..Settings34980a::default()
+            };
+            settings.slots[0] = Some("34924A".parse().unwrap());
+            let (mut unit, mut sheet) = (Simulator34980a::new(settings), Sheet::default());
+            say(&mut unit, &mut sheet, set_up);
+            say(
+                &mut unit,
+                &mut sheet,
+                "ROUT:CLOS (@1040);:TRIG:COUN INF;:FORM:READ:TIME ON;CHAN ON",
+            );
+            ask(&mut unit, &mut sheet, "INIT", START);
+            while let Some(due) = unit.due().filter(|due| step_by_step && *due < end) {
+                unit.pass(due, &mut sheet);
+            }
+            let state = "DATA:POIN?;:STAT:QUES:COND?;EVEN?;:STAT:OPER:COND?;EVEN?;:*STB?;:SYST:ERR?;:DATA:LAST? (@1001);:R?";
+            let state = ask(&mut unit, &mut sheet, state, end);
+            let cycles = format!("ABOR;:DIAG:REL:CYCL? {relays}");
+            let cycles = ask(&mut unit, &mut sheet, &cycles, end);
+            // The closures that the circuit has seen, those of skipped sweeps included.
+            let mut closures = sheet.skipped.clone();
+            let mut before = std::collections::BTreeSet::new();
+            for (_, closed) in sheet.history {
+                for relay in closed.difference(&before) {
+                    *closures.entry(*relay).or_default() += 1;
+                }
+                before = closed;
+            }
+            ((state, cycles, closures), sheet.requests.len())
+        };
+        let ((slow, all), (fast, measured)) = (scan(true), scan(false));
+        assert!(all > 1000 && measured < 70, "{set_up}: {measured} of {all}");
+        assert_eq!(slow, fast, "{set_up}");
+    }
+}
+
+#[test]
 fn a_threshold_of_readings_is_an_event() {
     let (mut unit, mut sheet) = scanner();
     ask(

@@ -98,29 +98,33 @@ impl Sheet {
     }
 
     pub(crate) fn set_closed(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
-        if self.phantom.bends_wires() {
-            let new: Vec<Relay> = closed.difference(&self.closed).copied().collect();
-            self.count(new, at);
-        }
+        let new: Vec<Relay> = closed.difference(&self.closed).copied().collect();
+        self.count(new, 1, at);
         self.closed.clone_from(closed);
         self.changed = at;
     }
 
     pub(crate) fn set_poles(&mut self, poles: [Option<Electrode>; 4], at: Duration) {
-        if self.phantom.bends_wires() {
-            let before: Vec<Relay> = chips(self.poles).collect();
-            let new = chips(poles).filter(|relay| !before.contains(relay));
-            self.count(new.collect(), at);
-        }
+        let before: Vec<Relay> = chips(self.poles).collect();
+        let new = chips(poles).filter(|relay| !before.contains(relay));
+        self.count(new, 1, at);
         self.poles = poles;
         self.changed = at;
     }
 
-    /// Counts a closure of relays; some may fail by it.
-    fn count(&mut self, relays: Vec<Relay>, at: Duration) {
+    /// Counts closures of relays, if an effect of the scene needs them; some may fail by them.
+    pub(crate) fn count(
+        &mut self,
+        relays: impl IntoIterator<Item = Relay>,
+        times: u32,
+        at: Duration,
+    ) {
+        if !self.phantom.bends_wires() {
+            return;
+        }
         for relay in relays {
             let closures = self.closures.entry(relay).or_default();
-            *closures += 1;
+            *closures += u64::from(times);
             let contact = self.phantom.relay_contact(relay, *closures, at);
             if let Some(closed) = contact.stuck
                 && !self.replaced.contains(&relay)

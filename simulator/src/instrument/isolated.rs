@@ -88,10 +88,6 @@ impl IsolatedInstrument {
 
     /// Receives a message at a time since power on; returns the reply, and the time that the instrument is busy.
     pub(crate) fn receive(&mut self, line: &str, at: Duration) -> (Option<String>, Duration) {
-        // Readings that were due in between are taken at their own times.
-        while let Some(due) = self.instrument.due().filter(|due| *due < at) {
-            self.instrument.pass(due, &mut self.surroundings);
-        }
         let reply = self.instrument.receive(0, line, at, &mut self.surroundings);
         (reply.text, reply.busy)
     }

@@ -134,6 +134,15 @@ fn of_profile(profile: &Profile) -> Settings34980a {
     }
 }
 
+/// A mainframe whose memory holds this number of readings.
+#[cfg(test)]
+pub(crate) fn of_memory(profile: &Profile, memory: usize) -> Box<dyn SimulatedInstrument> {
+    Box::new(SimulatedMainframe::new(Settings34980a {
+        memory,
+        ..of_profile(profile)
+    }))
+}
+
 fn of_setup(setup: &InstrumentSetup) -> Settings34980a {
     let mut settings = Settings34980a {
         slots: setup.slots,
@@ -253,10 +262,6 @@ impl SimulatedInstrument for SimulatedMainframe {
 
     fn has_reply(&self, session: u32) -> bool {
         self.simulator.has_readings_for(Session(session))
-    }
-
-    fn due(&self) -> Option<Duration> {
-        self.simulator.due()
     }
 
     fn asks_for_readings(&self, message: &str) -> bool {

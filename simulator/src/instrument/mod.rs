@@ -29,6 +29,8 @@ use crate::instrument::isolated::InstrumentSetup;
 use crate::instrument::section::{OutOfRange, Section};
 use crate::instrument::simulated::SimulatedInstrument;
 pub use board::Board;
+#[cfg(test)]
+pub(crate) use mainframe::of_memory;
 pub use mainframe::{Headers, Mainframe};
 pub use source::{SecondClient, Source};
 pub use wire::Wire;

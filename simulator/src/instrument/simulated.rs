@@ -74,17 +74,12 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         false
     }
 
-    /// The time of its next action without a message.
-    fn due(&self) -> Option<Duration> {
-        None
-    }
-
     /// Whether the numbers of the reply to a message are readings, which a fault of readings acts on.
     fn asks_for_readings(&self, _message: &str) -> bool {
         false
     }
 
-    /// Performs the actions that are due.
+    /// Performs the actions that are due, each at its own time, with the state of the source at that time.
     fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit);
 
     /// Notifies it that another instrument has changed the connections of its terminals.

@@ -2,6 +2,8 @@
 //! connections of clients.
 
 mod faults;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
@@ -226,13 +228,7 @@ impl SimulatedInstruments {
         let at = self.now();
         let roles: Vec<Instrument> = self.places.iter().map(|place| place.role).collect();
         for role in roles {
-            self.act(role, |instrument, outside| {
-                // Due readings and steps take place at their own times, with the state of the source at these times.
-                while let Some(due) = instrument.due().filter(|due| *due < at) {
-                    instrument.pass(due, outside);
-                }
-                instrument.pass(at, outside);
-            });
+            self.act(role, |instrument, outside| instrument.pass(at, outside));
         }
     }
 
@@ -379,6 +375,10 @@ impl Wires for SharedCircuit<'_> {
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
         self.sheet.set_closed(closed, at);
         self.load_changed(at);
+    }
+
+    fn skipped(&mut self, relays: &[Relay], times: u32, at: Duration) {
+        self.sheet.count(relays.iter().copied(), times, at);
     }
 
     fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts {

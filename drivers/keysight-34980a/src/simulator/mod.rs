@@ -45,6 +45,10 @@ pub trait Wires {
     /// its actual state, whatever the mainframe assumes.
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration);
 
+    /// Called instead of [`Wires::relays`] for sweeps that are not measured, because their readings would be overwritten
+    /// before they could be read: relays that have closed and opened this many times up to `at`. Ignored by default.
+    fn skipped(&mut self, _relays: &[Relay], _times: u32, _at: Duration) {}
+
     /// Returns the voltage between the voltmeter's terminals, before the limit of its range is applied.
     fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts;
 
@@ -230,14 +234,15 @@ impl Simulator34980a {
         (self.errors.added(), self.errors.latest())
     }
 
-    /// Time of the next internal event: a reading, a sweep, a step of a sequence. The owner of the time calls
-    /// [`Simulator34980a::pass`] then, so that nothing else in the rig has advanced in between.
+    /// Time of the next internal event: a reading, a sweep, a step of a sequence. [`Simulator34980a::pass`] performs it at
+    /// this time, also if it is called later.
     pub fn due(&self) -> Option<Duration> {
         let due = [self.meter.due(), self.sequences.due()];
         due.into_iter().flatten().min()
     }
 
-    /// Advances time: takes the readings and the steps of sequences that were due, each at its own instant.
+    /// Advances time: takes the readings and the steps of sequences that were due, each at its own instant. Of an endless
+    /// scan, at most about as many readings as the memory holds.
     pub fn pass(&mut self, at: Duration, wires: &mut dyn Wires) {
         while let Some(due) = self.sequences.due().filter(|due| *due <= at) {
             self.meter.advance(due, &mut self.relays, wires);

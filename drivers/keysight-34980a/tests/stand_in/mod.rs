@@ -1,7 +1,7 @@
 //! A replacement for sheet and rig: records relay states, computes voltages by a rule.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use keysight_34980a::{MeterRequest, Module, Settings34980a, Simulator34980a, Wires};
@@ -16,12 +16,20 @@ pub struct Sheet {
     pub history: Vec<(Duration, BTreeSet<Relay>)>,
     pub requests: Vec<(Duration, MeterRequest, BTreeSet<Relay>)>,
     pub volts: Option<f64>,
+    /// Closures by skipped sweeps.
+    pub skipped: BTreeMap<Relay, u32>,
 }
 
 impl Wires for Sheet {
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
         self.closed.clone_from(closed);
         self.history.push((at, closed.clone()));
+    }
+
+    fn skipped(&mut self, relays: &[Relay], times: u32, _: Duration) {
+        for relay in relays {
+            *self.skipped.entry(*relay).or_default() += times;
+        }
     }
 
     fn measure(&mut self, at: Duration, requested: MeterRequest) -> Volts {

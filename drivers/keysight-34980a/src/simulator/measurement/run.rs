@@ -209,7 +209,7 @@ impl Run {
                 Phase::Due(_, at) if at > to => return false,
                 Phase::Due(index, at) => {
                     let at = if index == 0 {
-                        self.skip(at, to, relays, memory)
+                        self.skip(at, to, relays, wires, memory)
                     } else {
                         at
                     };
@@ -288,11 +288,17 @@ impl Run {
 
     /// Skips sweeps whose readings would be overwritten before they could be read: after a long time without calls only
     /// as many sweeps are measured as the memory holds. Returns the start of the next sweep to be measured.
+    ///
+    /// Number and times of sweeps, readings in memory, overflow and closures of relays are those of a scan without
+    /// skipped sweeps. Noise is drawn for measured readings only, and limits, overloads and statistics concern these: the
+    /// same calls at the same times give the same bits, a call in between may give others. The first sweep is never
+    /// skipped, so what exceeds a limit from the beginning raises its alarm then.
     fn skip(
         &mut self,
         at: Duration,
         to: Duration,
         relays: &mut Relays,
+        wires: &mut dyn Wires,
         memory: &mut Memory,
     ) -> Duration {
         let step = match self.pace {
@@ -305,15 +311,24 @@ impl Run {
         let ahead = u32::try_from(in_time).unwrap_or(u32::MAX).min(left);
         let fill = u32::try_from(memory.most() / self.entries.len() + 2).unwrap_or(u32::MAX);
         let skipped = ahead.saturating_sub(fill);
+        let next = at + step * skipped;
         if skipped > 0 {
             self.done = self.done.saturating_add(skipped);
+            let mut before = ScanRelays::default();
             for entry in self.entries.iter().filter(|entry| !entry.again) {
-                if let Some(channel) = entry.channel {
-                    relays.count_scanned(channel, skipped);
-                }
+                let Some(channel) = entry.channel else {
+                    continue;
+                };
+                let joined = relays.of_reading(channel, entry.measured.four_wire());
+                relays.count_skipped(joined, skipped);
+                // The wires see a bus relay move only if the reading before did not need it.
+                let moved = joined.into_iter().flatten();
+                let moved = moved.filter(|relay| !before.contains(&Some(*relay)));
+                wires.skipped(&moved.collect::<Vec<_>>(), skipped, next);
+                before = joined;
             }
         }
-        at + step * skipped
+        next
     }
 
     /// Opens the relays that a reading has closed.

@@ -54,16 +54,17 @@ impl Relays {
         &self.closed
     }
 
-    /// Counts the closures of skipped scans.
-    pub(crate) fn count_scanned(&mut self, channel: Relay, times: u32) {
-        let Ok((module, _)) = self.contact(channel) else {
-            return;
-        };
-        if module.model() != Model::M34925A {
-            let bus = self.bus_relay(channel);
-            for relay in [Some(channel), bus].into_iter().flatten() {
-                *self.cycles.entry(relay).or_default() += u64::from(times);
-            }
+    /// Counts the closures of the relays of skipped readings.
+    pub(crate) fn count_skipped(&mut self, relays: ScanRelays, times: u32) {
+        for relay in relays.into_iter().flatten() {
+            self.count(relay, u64::from(times));
+        }
+    }
+
+    fn count(&mut self, relay: Relay, closures: u64) {
+        let counts = |(module, _): (Module, Contact)| module.model() != Model::M34925A;
+        if self.contact(relay).is_ok_and(counts) {
+            *self.cycles.entry(relay).or_default() += closures;
         }
     }
 
@@ -248,12 +249,11 @@ impl Relays {
 
     fn become_closed(&mut self, after: BTreeSet<Relay>) -> MoveTimes {
         let mut moves = MoveTimes::default();
-        for relay in after.difference(&self.closed) {
-            if let Ok((module, _)) = self.contact(*relay) {
-                moves.at_least(*relay, module.model().close_time());
-                if module.model() != Model::M34925A {
-                    *self.cycles.entry(*relay).or_default() += 1;
-                }
+        let closing: Vec<Relay> = after.difference(&self.closed).copied().collect();
+        for relay in closing {
+            if let Ok((module, _)) = self.contact(relay) {
+                moves.at_least(relay, module.model().close_time());
+                self.count(relay, 1);
             }
         }
         self.closed = after;
@@ -303,15 +303,20 @@ impl Relays {
         self.open(|relay| meant.contains(&relay));
     }
 
-    /// Connects one channel to bus 1 for its reading, and for a four-wire reading its partner in the other bank to bus
-    /// 2. [`Relays::unjoin`] opens what was closed.
-    pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> ScanRelays {
+    /// The relays of a reading: they connect its channel to bus 1, and for a four-wire reading its partner in the other
+    /// bank to bus 2.
+    pub(crate) fn of_reading(&self, channel: Relay, four_wire: bool) -> ScanRelays {
         let partner = self.partner(channel).filter(|_| four_wire);
         let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
         // the relays to the buses stay open while the terminal block is
         let closes = |bus: &Relay| !self.slots[bus.0 as usize / 1000 - 1].interlocked;
         let bus = self.bus_relay(channel).filter(closes);
-        let joined = [Some(channel), bus, partner, sense.filter(closes)];
+        [Some(channel), bus, partner, sense.filter(closes)]
+    }
+
+    /// Closes the relays of a reading. [`Relays::unjoin`] opens what was closed.
+    pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> ScanRelays {
+        let joined = self.of_reading(channel, four_wire);
         let mut after = self.closed.clone();
         after.extend(joined.into_iter().flatten());
         self.become_closed(after);
