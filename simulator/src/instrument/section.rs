@@ -38,6 +38,8 @@ pub(super) fn settings<'de, T: Deserialize<'de>>(
 
 /// A number outside its range.
 pub(crate) struct OutOfRange {
+    /// The section of its key.
+    pub(crate) section: &'static str,
     /// Its key.
     pub(crate) key: &'static str,
     /// The permitted range.
@@ -45,11 +47,12 @@ pub(crate) struct OutOfRange {
 }
 
 /// Checks the time that a message takes.
-pub(super) fn check_command_ms(section: &str, command_ms: f64) -> Result<(), OutOfRange> {
+pub(super) fn check_command_ms(section: &'static str, command_ms: f64) -> Result<(), OutOfRange> {
     // Well within the range of a Duration.
     match (0.0..=60_000.0).contains(&command_ms) {
         true => Ok(()),
         false => Err(OutOfRange {
+            section,
             key: "command_ms",
             what: format!("command_ms of [{section}] is 0 to 60000"),
         }),

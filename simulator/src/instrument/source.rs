@@ -93,6 +93,7 @@ impl Source {
         match (0.0..=3600.0).contains(&self.slot_hold_s) {
             true => Ok(()),
             false => Err(OutOfRange {
+                section: "source",
                 key: "slot_hold_s",
                 what: "slot_hold_s is 0 to 3600".to_owned(),
             }),

@@ -249,13 +249,16 @@ impl Profile {
         }
         let line_hz = document.line_hz.into_inner();
         let mut profile = Self::without_sections(pace, line_hz, load, faults);
-        for (section, value) in given {
+        for (section, value) in given.clone() {
             (section.read)(&mut profile, value).map_err(|error| fault(error.at, error.what))?;
         }
         for instrument in Instrument::ALL {
             (instrument.kind().check)(&profile).map_err(|wrong| {
-                let at = text.find(wrong.key).unwrap_or(0);
-                fault(at..at, wrong.what)
+                let mut sections = given.iter();
+                let section = sections.find(|(section, _)| section.name == wrong.section);
+                let keys = section.and_then(|(_, value)| value.get_ref().as_table());
+                let key = keys.and_then(|keys| keys.get_key_value(wrong.key));
+                fault(key.map_or(0..0, |(key, _)| key.span()), wrong.what)
             })?;
         }
         Ok(profile)

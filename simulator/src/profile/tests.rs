@@ -34,6 +34,14 @@ fn what_is_wrong_is_named_with_its_place() {
             "[source]\ncommand_ms = -3",
             "p.toml:2:1: command_ms of [source]",
         ),
+        (
+            "# command_ms is 5\n[source]\ncommand_ms = 5\n[mainframe]\nserial = \"command_ms\"\n  command_ms = 60001",
+            "p.toml:6:3: command_ms of [mainframe] is 0 to 60000",
+        ),
+        (
+            "mainframe.serial = \"slot_hold_s\"\nsource = { slot_hold_s = 3601 }",
+            "p.toml:2:12: slot_hold_s is 0 to 3600",
+        ),
         ("time = ", "p.toml:1:"),
         ("load = \"mesh\"", "p.toml:1:8: 'mesh' is no load"),
         (
