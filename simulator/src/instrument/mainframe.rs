@@ -101,6 +101,9 @@ impl From<Headers> for keysight_34980a::HeaderForm {
 /// The modules of a profile.
 fn slots(value: Spanned<DeValue<'_>>) -> Result<[Option<Module>; 8], SectionError> {
     let given: BTreeMap<Spanned<String>, Spanned<String>> = settings(value)?;
+    let mut given: Vec<_> = given.into_iter().collect();
+    // In the order of the file: the second of two keys is the one that is refused.
+    given.sort_by_key(|(number, _)| number.span().start);
     let mut slots = [None; 8];
     for (number, module) in &given {
         let slot: usize = number
@@ -112,6 +115,15 @@ fn slots(value: Spanned<DeValue<'_>>) -> Result<[Option<Module>; 8], SectionErro
                 at: number.span(),
                 what: "slots are 1 to 8".to_owned(),
             })?;
+        if slots[slot - 1].is_some() {
+            return Err(SectionError {
+                at: number.span(),
+                what: format!(
+                    "the key '{}' gives slot {slot} a second time; delete one of them",
+                    number.get_ref()
+                ),
+            });
+        }
         let parsed = module.get_ref().parse();
         slots[slot - 1] = Some(parsed.map_err(|error: ModuleError| SectionError {
             at: module.span(),

@@ -297,3 +297,20 @@ pub(crate) fn slot(text: &str) -> Result<(usize, Module), String> {
         .map_err(|fault: keysight_34980a::ModuleError| fault.to_string())?;
     Ok((number, module))
 }
+
+/// Puts the modules of the option `--slot` into their slots, instead of those there.
+///
+/// # Errors
+/// A slot that is given twice, in words.
+pub(crate) fn fill(
+    slots: &mut [Option<Module>; 8],
+    given: &[(usize, Module)],
+) -> Result<(), String> {
+    for (index, (number, module)) in given.iter().enumerate() {
+        if given[..index].iter().any(|(other, _)| other == number) {
+            return Err(format!("--slot gives slot {number} twice; leave one out"));
+        }
+        slots[number - 1] = Some(*module);
+    }
+    Ok(())
+}

@@ -14,6 +14,21 @@ fn every_shipped_profile_can_be_read() {
 }
 
 #[test]
+fn a_slot_that_the_option_gives_twice_is_refused() {
+    let given = ["1=34924A", "2=34932A", "1=34934A"].map(|text| slot(text).unwrap());
+    let mut slots = Profile::default().slots;
+    assert_eq!(
+        fill(&mut slots, &given),
+        Err("--slot gives slot 1 twice; leave one out".to_owned())
+    );
+    assert_eq!(fill(&mut slots, &given[1..]), Ok(()));
+    assert_eq!(
+        slots[..2],
+        ["34934A", "34932A"].map(|text| text.parse().ok())
+    );
+}
+
+#[test]
 fn what_is_wrong_is_named_with_its_place() {
     for (text, reported) in [
         ("time = \"soon\"", "p.toml:1:8: unknown time 'soon'"),
@@ -23,6 +38,14 @@ fn what_is_wrong_is_named_with_its_place() {
         ),
         ("[slots]\n9 = \"34924A\"", "p.toml:2:1: slots are 1 to 8"),
         ("[slots]\n1 = \"34999A\"", "p.toml:2:5: no module '34999A'"),
+        (
+            "[slots]\n1 = \"34924A\"\n01 = \"34932A\"",
+            "p.toml:3:1: the key '01' gives slot 1 a second time; delete one of them",
+        ),
+        (
+            "[slots]\n01 = \"34924A\"\n1 = \"34932A\"",
+            "p.toml:3:1: the key '1' gives slot 1 a second time",
+        ),
         ("colour = 3", "p.toml:1:1: unknown field `colour`"),
         (
             "[mainframe]\nheaders = \"2000\"",

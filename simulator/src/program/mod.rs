@@ -19,7 +19,7 @@ use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
 use crate::instrument::fault::GRAMMAR;
-use crate::profile::slot;
+use crate::profile::{fill, slot};
 use crate::program::panel::Panel;
 use crate::{LoadNetwork, Pace, Profile, ServeOptions, SimulatedRig, serve};
 
@@ -72,7 +72,7 @@ struct Control {
 struct Words {
     #[command(flatten)]
     control: Control,
-    /// The words of the command.
+    /// Arguments of the command, as above.
     #[arg(required = true, allow_negative_numbers = true)]
     words: Vec<String>,
 }
@@ -224,9 +224,7 @@ fn prepare(options: &Serve) -> Result<(Profile, Scene), Fault> {
         Some(name) => Profile::load(name)?,
         None => Profile::default(),
     };
-    for (number, module) in &options.slot {
-        profile.slots[number - 1] = Some(*module);
-    }
+    fill(&mut profile.slots, &options.slot)?;
     if profile.mainframe.clock_unix_s.is_none() {
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         let now = now.unwrap_or_default().as_secs();

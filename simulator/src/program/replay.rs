@@ -8,7 +8,7 @@ use outfile::{Existing, OutPath};
 use rig::transcript::read_transcript;
 
 use super::{CONFIGURATION, Fault, fail, print_line, scene_named};
-use crate::profile::slot;
+use crate::profile::{fill, slot};
 use crate::{
     Comparison, Golden, Instrument, InstrumentSetup, LoadNetwork, Pace, Profile, ReplayTarget,
     SimulatedRig, golden_of, replay,
@@ -82,9 +82,7 @@ fn instruments() -> String {
 impl SetupArguments {
     fn of(&self, instrument: Instrument) -> Result<InstrumentSetup, Fault> {
         let mut setup = InstrumentSetup::of(instrument);
-        for (number, module) in &self.slot {
-            setup.slots[number - 1] = Some(*module);
-        }
+        fill(&mut setup.slots, &self.slot)?;
         if let Some(ohms) = self.ohms {
             if ohms.is_nan() || ohms < 0.0 {
                 return Err(format!("{ohms} ohm cannot be connected to terminals").into());
@@ -174,9 +172,7 @@ fn target(options: &Replay) -> Result<ReplayTarget, Fault> {
         });
     };
     let mut profile = Profile::load(name)?.at_pace(Pace::Instant);
-    for (number, module) in &options.setup.slot {
-        profile.slots[number - 1] = Some(*module);
-    }
+    fill(&mut profile.slots, &options.setup.slot)?;
     if let Some(load) = &options.load {
         profile.load = load.clone();
     }

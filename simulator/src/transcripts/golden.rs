@@ -208,7 +208,11 @@ impl Golden {
                 "slot" => {
                     let (slot, module) =
                         crate::profile::slot(&rest.trim().replacen(' ', "=", 1)).map_err(&wrong)?;
-                    setup.slots[slot - 1] = Some(module);
+                    if setup.slots[slot - 1].replace(module).is_some() {
+                        return Err(wrong(format!(
+                            "slot {slot} is given twice; delete one line"
+                        )));
+                    }
                     None
                 }
                 "ohms" | "volts" => {

@@ -80,6 +80,10 @@ fn a_deviation_from_a_golden_names_its_line() {
             "a.golden:3: '-1' is no time",
         ),
         ("slot 9 34924A\n", "a.golden:1: there is no slot"),
+        (
+            "slot 1 34924A\nslot 1 34932A\n",
+            "a.golden:2: slot 1 is given twice; delete one line",
+        ),
         ("ohms -3\n", "a.golden:1: ohms cannot be -3"),
     ] {
         let fault = parse(wrong).unwrap_err().to_string();
