@@ -255,7 +255,10 @@ impl Study<'_> {
             None => Ok(()),
             Some(line) => {
                 let there: Value = serde_json::from_slice(&line).map_err(|_| {
-                    ShardError::damaged(path, "it is not a shard: remove it, or name another folder")
+                    ShardError::damaged(
+                        path,
+                        "it is not a shard: remove it, or name another folder",
+                    )
                 })?;
                 ShardError::refuse_difference(path, &there, &self.header(shard))
             }

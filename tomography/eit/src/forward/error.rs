@@ -54,9 +54,7 @@ pub enum ForwardError {
         value: f64,
     },
     /// Cells of another mesh.
-    #[error(
-        "the cells of the parameters are for a mesh of {has} elements, this one has {wants}"
-    )]
+    #[error("the cells of the parameters are for a mesh of {has} elements, this one has {wants}")]
     Cells {
         /// Elements of the mesh that was cut into cells.
         has: usize,
@@ -92,9 +90,7 @@ pub enum ForwardError {
         electrodes: usize,
     },
     /// The currents of a pattern do not sum to zero.
-    #[error(
-        "the currents of pattern {pattern} sum to {sum:e} A; the sum must be zero"
-    )]
+    #[error("the currents of pattern {pattern} sum to {sum:e} A; the sum must be zero")]
     CurrentSum {
         /// Column of the currents, from 0.
         pattern: usize,

@@ -435,7 +435,9 @@ fn fits(network: &Network, mesh: &Mesh, protocol: &Protocol) -> Result<(), Strin
         // checked when it was constructed
         Network::Rbf(_) => Ok(()),
         Network::Deep(_, familiar) if familiar.is_sound(inputs) => Ok(()),
-        Network::Deep(..) => Err("its training inputs are not described in finite numbers".to_owned()),
+        Network::Deep(..) => {
+            Err("its training inputs are not described in finite numbers".to_owned())
+        }
     }
 }
 

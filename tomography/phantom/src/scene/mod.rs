@@ -313,7 +313,10 @@ impl Text {
                 let span = contact.span();
                 let ContactText { electrode, ohm } = contact.into_inner();
                 if !(ohm >= 0.0 && ohm.is_finite()) {
-                    return Err(Fault(span, format!("a contact of {ohm} ohm is not possible")));
+                    return Err(Fault(
+                        span,
+                        format!("a contact of {ohm} ohm is not possible"),
+                    ));
                 }
                 Electrode::from_number(electrode)
                     .filter(|electrode| electrode.0 < electrodes)

@@ -236,7 +236,9 @@ impl Tv {
         let problem = self.problem(&sensitivity, seen.data.clone(), &weights, constant);
         let found = problem.minimum_offline(2e-9);
         found.ok_or_else(|| {
-            self.numerical("the interior-point method over all triangles did not converge".to_owned())
+            self.numerical(
+                "the interior-point method over all triangles did not converge".to_owned(),
+            )
         })
     }
 
