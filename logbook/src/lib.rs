@@ -70,7 +70,7 @@ pub use crate::error::{DiskFault, LogbookError};
 pub use crate::maintenance::leftovers::{TidyReport, fold_closed, tidy};
 pub use crate::maintenance::prune::{
     ExportMarker, KeptSession, Pruned, Removed, Retention, exported, folder_bytes, mark_exported,
-    prune,
+    prune, prune_each,
 };
 pub use crate::maintenance::receipts::{
     ArchiveReceipt, archived, mark_archived, receipt, sha256_of,

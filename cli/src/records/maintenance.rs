@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use chrono::Utc;
-use logbook::{Retention, Verified};
+use logbook::{Removed, Retention, Verified};
 use serde::Serialize;
 
 use crate::args::{Export, Global, Prune, Repair, SessionsCommand, Verify};
@@ -192,13 +192,13 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
         false => ("went", "were removed"),
     };
     let (mut count, mut bytes) = (0, 0);
+    let mut failed = None;
     for place in session_files::directories(global)? {
         if !place.exists() {
             continue;
         }
-        let pruned = logbook::prune(&place, &retention, Utc::now(), asked.dry_run)
-            .map_err(|error| Failure::failed("not all selected sessions could be removed", &error))?;
-        for removed in &pruned.removed {
+        let mut printed = Ok(());
+        let report = |removed: &Removed| {
             count += 1;
             bytes += removed.bytes;
             let line = PrunedLine {
@@ -211,11 +211,23 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
                 bytes: Some(removed.bytes),
                 why: &removed.why,
             };
-            printer.record(&line, |line| {
+            let written = printer.record(&line, |line| {
                 let mb = removed.bytes as f64 / 1e6;
                 format!("{} {verb} ({mb:.1} MB): {}", line.id, line.why)
-            })?;
-        }
+            });
+            if printed.is_ok() {
+                printed = written;
+            }
+        };
+        let pruned = logbook::prune_each(&place, &retention, Utc::now(), asked.dry_run, report);
+        printed?;
+        let pruned = match pruned {
+            Ok(pruned) => pruned,
+            Err(error) => {
+                failed = Some(Failure::failed("not all selected sessions could be removed", &error));
+                break;
+            }
+        };
         for spared in &pruned.spared {
             let line = PrunedLine {
                 what: "spared",
@@ -229,7 +241,8 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
     printer.text(&format!(
         "{count} sessions {participle}, {:.1} MB",
         bytes as f64 / 1e6
-    ))
+    ))?;
+    failed.map_or(Ok(()), Err)
 }
 
 /// Marks a session as exported; an unwritable folder is reported, but is not a failure.

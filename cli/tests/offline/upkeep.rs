@@ -176,6 +176,24 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
 }
 
 #[test]
+fn sessions_removed_before_a_failure_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = session_of(folder.path(), "m1", "");
+    let second = session_of(folder.path(), "m2", "");
+    // no file that can be removed
+    std::fs::create_dir(folder.path().join("m2-failed-1.json")).unwrap();
+    let prune = ["sessions", "prune", "--keep-bytes", "0"];
+    let output = tactus(folder.path(), &prune);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("m2-failed-1.json"), "{message}");
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(printed.contains("m1 went"), "{printed}");
+    assert!(printed.contains("1 sessions were removed"), "{printed}");
+    assert!(!first.exists() && second.exists());
+}
+
+#[test]
 fn maps_are_verified_against_what_was_kept_of_them() {
     let folder = tempfile::tempdir().unwrap();
     session_of(folder.path(), "m1", NOISE);

@@ -125,6 +125,20 @@ pub fn prune(
     now: DateTime<Utc>,
     dry_run: bool,
 ) -> Result<Pruned, LogbookError> {
+    prune_each(dir, retention, now, dry_run, |_| {})
+}
+
+/// As [`prune()`]; `each` is called for each session as soon as it is removed, so that removals before a failure are known.
+///
+/// # Errors
+/// As [`prune()`].
+pub fn prune_each(
+    dir: impl AsRef<Path>,
+    retention: &Retention,
+    now: DateTime<Utc>,
+    dry_run: bool,
+    mut each: impl FnMut(&Removed),
+) -> Result<Pruned, LogbookError> {
     let dir = dir.as_ref();
     let index = index(dir)?;
     let sessions = index.listing().sessions;
@@ -211,6 +225,7 @@ pub fn prune(
         if !dry_run {
             remove(dir, &removed, of(session), now)?;
         }
+        each(&removed);
         pruned.removed.push(removed);
     }
     Ok(pruned)
