@@ -156,27 +156,27 @@ macro_rules! effects {
 }
 
 effects! {
-    /// Electrodes beside their places, and of other widths.
+    /// Errors of position and width of the electrodes.
     electrode_placement: ElectrodePlacementSettings = "electrode-placement";
-    /// Stress and strain of the foam.
+    /// Stress-strain curve of the foam.
     foam: FoamSettings = "foam";
-    /// Conductance of small strains.
+    /// Conductance under small strains.
     gauge_law: GaugeLawSettings = "gauge-law";
-    /// Conductance of large strains.
+    /// Conductance under large strains.
     exponential_law: ExponentialLawSettings = "exponential-law";
     /// Conductance of a force-sensing film.
     log_law: LogLawSettings = "log-law";
-    /// More loss on the way back than on the way there.
+    /// Hysteresis: more loss during unloading than during loading.
     hysteresis: HysteresisSettings = "hysteresis";
-    /// A loss that goes on growing under a load.
+    /// Creep: a loss that grows under a constant load.
     creep: CreepSettings = "creep";
-    /// A loss that grows by a power of time under a load.
+    /// Creep by a power law: a loss that grows by a power of time.
     power_law_creep: PowerLawCreepSettings = "power-law-creep";
-    /// What stays after many loads.
+    /// Permanent loss after many loads.
     set: SetSettings = "set";
-    /// Foam that widens under a load.
+    /// Lateral spread of the foam under a load.
     stretch: StretchSettings = "stretch";
-    /// Warmth of a body that lies on the sheet.
+    /// Heat of a body on the sheet.
     body_contact: BodyContactSettings = "body-contact";
     /// Uneven spraying of the sheet.
     spray: SpraySettings = "spray";
@@ -188,55 +188,55 @@ effects! {
     long_drift: LongDriftSettings = "long-drift";
     /// A crack in the sheet.
     crack: CrackSettings = "crack";
-    /// Contacts that differ.
+    /// Spread of the contact resistances.
     contact_spread: ContactSpreadSettings = "contact-spread";
-    /// Contacts that wander.
+    /// Drift of the contact resistances.
     contact_drift: ContactDriftSettings = "contact-drift";
-    /// An electrode that comes off.
+    /// An electrode that detaches.
     detachment: DetachmentSettings = "detachment";
     /// A short between two electrodes.
     short: ShortSettings = "short";
     /// Leakage between wires.
     isolation: IsolationSettings = "isolation";
-    /// What relays add to the resistance of their paths.
+    /// Resistance of the relays and their paths.
     channel_resistance: ChannelResistanceSettings = "channel-resistance";
-    /// The source's wires.
+    /// Resistance of the source's wires.
     lead_resistance: LeadResistanceSettings = "lead-resistance";
-    /// Relays that stick when their life is over.
+    /// Relays that stick at the end of their life.
     wear: WearSettings = "wear";
-    /// The current that warms the sheet.
+    /// Heating of the sheet by the current.
     self_heating: SelfHeatingSettings = "self-heating";
     /// Gain and offset of the source.
     current_error: CurrentErrorSettings = "current-error";
     /// Noise of the source.
     current_noise: CurrentNoiseSettings = "current-noise";
-    /// The source's own resistance.
+    /// Output resistance of the source.
     output_resistance: OutputResistanceSettings = "output-resistance";
-    /// The time that the current takes.
+    /// Settling time of the current.
     source_settling: SourceSettlingSettings = "source-settling";
-    /// Charge that a switching relay leaves behind.
+    /// Charge injected by switching relays.
     charge_injection: ChargeInjectionSettings = "charge-injection";
-    /// Steps of the driven wires in the measuring ones.
+    /// Coupling from the driven wires into the measuring wires.
     crosstalk: CrosstalkSettings = "crosstalk";
     /// Thermal voltages of the relays.
     thermal_emf: ThermalEmfSettings = "thermal-emf";
     /// Channels noisier than the others.
     channel_noise: ChannelNoiseSettings = "channel-noise";
-    /// Leakage of a FET multiplexer.
+    /// Leakage current of a FET multiplexer.
     leakage: LeakageSettings = "leakage";
-    /// Relays that are not there yet.
+    /// Operate time and bounce of the relays.
     relay_bounce: RelayBounceSettings = "relay-bounce";
-    /// Mains in the leads.
+    /// Mains pickup in the leads.
     mains_pickup: MainsPickupSettings = "mains-pickup";
-    /// What both leads have in common.
+    /// Common-mode voltage of both leads.
     common_mode: CommonModeSettings = "common-mode";
-    /// The share that the voltmeter's input takes.
+    /// Input resistance of the voltmeter.
     input_resistance: InputResistanceSettings = "input-resistance";
-    /// The current out of the voltmeter's input.
+    /// Bias current of the voltmeter's input.
     bias_current: BiasCurrentSettings = "bias-current";
     /// Gain and offset of the voltmeter.
     voltmeter_gain: VoltmeterGainSettings = "voltmeter-gain";
-    /// The zero of a voltmeter that does not look at it.
+    /// Zero drift of a voltmeter without autozero.
     autozero_off: AutozeroOffSettings = "autozero-off";
     /// Noise of the voltmeter.
     voltmeter_noise: VoltmeterNoiseSettings = "voltmeter-noise";
