@@ -87,7 +87,7 @@ async function followCourse(of) {
       return trouble(error.message);
     }
     if (session !== of) return;
-    const share = course.progress < 1 ? `; the baseline was followed through ${Math.floor(100 * course.progress)} % of the session` : "";
+    const share = course.progress < 1 ? `; the baseline has been tracked through ${Math.floor(100 * course.progress)} % of the session` : "";
     byId("course").textContent = course.failed ? `not known: ${course.failed}` : `Quantities ${course.source}, rows of ${course.span_s} s${share}. Red: not known.`;
     setRegionNames(byId("region"), [...new Set(course.rows.map(row => row.region))]);
     setCurves();
