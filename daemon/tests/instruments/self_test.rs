@@ -165,7 +165,7 @@ async fn each_fault_is_found_and_named() {
         (
             pairs,
             "[[contact]]\nelectrode = 11\nohm = 1e9\n".to_owned(),
-            "electrode 11: open; look at its wire",
+            "electrode 11: open; check its wire",
         ),
         (
             pairs,

@@ -405,7 +405,7 @@ fn impossible_value_is_reported_with_line_and_column() {
     stage.configure(&format!("{SMALL}[metrics]\nlisten = \"localhost\"\n"));
     let wrong = message(&stage);
     assert!(
-        wrong.contains(":20:10: metrics.listen: 'localhost' is no address"),
+        wrong.contains(":20:10: metrics.listen: 'localhost' is not an address"),
         "{wrong}"
     );
 }

@@ -69,7 +69,7 @@ fn a_deviation_from_a_golden_names_its_line() {
         ("instrument 2400\n", "a.golden:1: '2400' is none of"),
         (
             "instrument 6221\ncites x\n< A\n",
-            "a.golden:3: a reply stands behind",
+            "a.golden:3: a reply must follow",
         ),
         (
             "instrument 6221\ncites x\n> A\nslot 1 34924A\n",
