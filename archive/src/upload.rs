@@ -216,16 +216,18 @@ impl Uploader {
                 lines: lines.len() as u64,
             });
         }
+        let first = first_parts(&closed);
         for part in &closed {
             let Some(sha256) = known.get(&part.id) else {
                 continue;
             };
-            // the receipt of a first part is of the quantities beside it too
-            if unread.contains(&part.id) {
+            // the receipt of the first part that is there is of the quantities of its session too
+            let is_first = first.get(part.session.as_str()) == Some(&part.id.as_str());
+            if is_first && unread.contains(&part.session) {
                 continue;
             }
-            let lines = there.get(&part.session).copied().unwrap_or_default();
-            match self.confirm(part, sha256, lines) {
+            let lines = there.get(&part.session).filter(|_| is_first);
+            match self.confirm(part, sha256, lines.copied().unwrap_or_default()) {
                 Ok(false) => {}
                 Ok(true) => report(Step::Receipt {
                     part: part.id.clone(),
@@ -359,19 +361,39 @@ impl Uploader {
         Ok(lines)
     }
 
-    /// Writes the receipt of an archived part, unless it is there; whether it was written.
+    /// Writes the receipt of an archived part, unless it is there with these lines of quantities; whether it was written. Reads a part
+    /// without a receipt of the file as it is now.
     fn confirm(&self, part: &Closed, sha256: &str, lines: u64) -> Result<bool, String> {
         let found = std::fs::metadata(&part.path).map_err(|error| error.to_string())?;
         let modified: DateTime<Utc> = found.modified().map_err(|error| error.to_string())?.into();
-        // quantities lie beside the first part
-        let lines = if part.id == part.session { lines } else { 0 };
-        let before = logbook::receipt(&part.path);
-        let same_file = before.as_ref().is_some_and(|receipt| {
+        let of_this_file = logbook::receipt(&part.path).filter(|receipt| {
             receipt.sha256 == sha256 && receipt.bytes == found.len() && modified <= receipt.at
         });
-        if same_file && before.is_some_and(|receipt| receipt.quantity_lines >= lines) {
-            return Ok(false);
-        }
+        let receipt = match of_this_file {
+            Some(receipt) if receipt.quantity_lines >= lines => return Ok(false),
+            Some(receipt) => ArchiveReceipt {
+                quantity_lines: lines,
+                ..receipt
+            },
+            None => self.compared(part, sha256, modified, lines)?,
+        };
+        logbook::mark_archived(&part.path, &receipt).map_err(|error| {
+            format!(
+                "is archived, but its receipt cannot be written: {}",
+                survey::error_chain(&error)
+            )
+        })?;
+        Ok(true)
+    }
+
+    /// The receipt of a part whose content is that of the archive.
+    fn compared(
+        &self,
+        part: &Closed,
+        sha256: &str,
+        modified: DateTime<Utc>,
+        lines: u64,
+    ) -> Result<ArchiveReceipt, String> {
         let read = Part::read(&part.path, &self.owner.site, &self.owner.daq)
             .map_err(|error| survey::error_chain(&error))?;
         if read.name.sha256 != sha256 {
@@ -384,22 +406,28 @@ impl Uploader {
             };
             return Err(conflict.to_string());
         }
-        let receipt = ArchiveReceipt {
+        Ok(ArchiveReceipt {
             // with a clock that was put back, the file is of the future: the receipt is of the file as it is now all the same
             at: Utc::now().max(modified),
             sha256: sha256.to_owned(),
             bytes: read.bytes,
             stored_as: read.name.to_string(),
             quantity_lines: lines,
-        };
-        logbook::mark_archived(&part.path, &receipt).map_err(|error| {
-            format!(
-                "is archived, but its receipt cannot be written: {}",
-                survey::error_chain(&error)
-            )
-        })?;
-        Ok(true)
+        })
     }
+}
+
+/// The first part of each session that is there.
+fn first_parts(closed: &[Closed]) -> BTreeMap<&str, &str> {
+    let mut first: BTreeMap<&str, &str> = BTreeMap::new();
+    for Closed { id, session, .. } in closed {
+        let known = first.entry(session).or_insert(id);
+        // `m1` is before `m1_p2`, and that before `m1_p10`
+        if (id.len(), id.as_str()) < (known.len(), *known) {
+            *known = id;
+        }
+    }
+    first
 }
 
 fn problem(part: &Closed, text: String) -> Step {
@@ -408,3 +436,6 @@ fn problem(part: &Closed, text: String) -> Step {
         text,
     }
 }
+
+#[cfg(test)]
+mod tests;

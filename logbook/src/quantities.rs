@@ -11,7 +11,7 @@ use crate::LogbookError;
 use crate::states::checksum;
 
 /// End of the name of the file.
-const QUANTITIES: &str = "quantities";
+pub(crate) const QUANTITIES: &str = "quantities";
 /// Digits of the checksum.
 const DIGITS: usize = 8;
 

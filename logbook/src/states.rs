@@ -19,7 +19,7 @@ pub enum StateKind {
 
 impl StateKind {
     /// End of the name of the file.
-    fn extension(self) -> &'static str {
+    pub(crate) fn extension(self) -> &'static str {
         match self {
             Self::Tracking => "tracking",
             Self::Course => "course",

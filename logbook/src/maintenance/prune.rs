@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::directory::index;
 use crate::files::{EXTENSION, entries, id_of, part_of, path_of};
-use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
+use crate::{LogbookError, SessionKind, SessionReader, SessionSummary, StateKind};
 
 /// Name of the list of what has been pruned, a JSON object a line.
 const PRUNED: &str = "pruned.jsonl";
@@ -114,8 +114,8 @@ pub(crate) fn pruned_parts(dir: &Path) -> BTreeSet<String> {
 }
 
 /// Removes sessions, or with `dry_run` only lists them. Open sessions and their parts (except in a ring), the newest
-/// baseline (all of them where it cannot be read), and baselines of kept sessions are never removed. Removed sessions
-/// are listed in `pruned.jsonl` beside them.
+/// baseline (all of them where it cannot be read), and baselines of kept sessions are never removed. Quantities and states of a
+/// session stay as long as a part of it does. Removed sessions are listed in `pruned.jsonl` beside them.
 ///
 /// # Errors
 /// The folder cannot be read, or a file cannot be removed; earlier removals stay.
@@ -212,18 +212,29 @@ pub fn prune_each(
             why: format!("its age and frames cannot be read: {}", unreadable.why),
         });
     }
+    let go = sessions.iter().zip(&going).filter(|(_, why)| why.is_some());
+    let go: BTreeSet<&str> = go.map(|(session, _)| id_of(&session.path)).collect();
+    let stay = files.keys().filter(|id| !go.contains(id.as_str()));
+    let stay: BTreeSet<&str> = stay.map(|id| part_of(id).0).collect();
     for ((session, why), bytes) in sessions.iter().zip(going).zip(sizes) {
         let Some(why) = why else {
             continue;
         };
+        let part_of_it_stays = stay.contains(part_of(id_of(&session.path)).0);
+        let go = of(session)
+            .iter()
+            .filter(|file| !(part_of_it_stays && is_of_all_parts(file)));
+        let go: Vec<&Path> = go.map(PathBuf::as_path).collect();
+        let freed: u64 = go.iter().map(|file| size(file)).sum();
+        pruned.left += bytes.saturating_sub(freed);
         let removed = Removed {
             id: session.id.clone(),
             path: session.path.clone(),
-            bytes,
+            bytes: freed,
             why,
         };
         if !dry_run {
-            remove(dir, &removed, of(session), now)?;
+            remove(dir, &removed, &go, now)?;
         }
         each(&removed);
         pruned.removed.push(removed);
@@ -275,8 +286,8 @@ fn due(
     (alone && !names.is_empty()).then(|| format!("it has been {}", names.join(" and ")))
 }
 
-/// The files of a folder by session: its own file, journals, marker, transcripts of failed frames. One directory scan;
-/// files of no session are left out. A session's own file is the last in its list.
+/// The files of a folder by session or part: its own file, journals, marker, transcripts of failed frames; with the last part also
+/// what belongs to all parts. One directory scan; files of no session are left out. A session's own file is the last in its list.
 fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError> {
     let mut sessions: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     let mut beside = Vec::new();
@@ -287,9 +298,18 @@ fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError
         }
     }
     beside.sort();
+    let mut last_parts: BTreeMap<String, (u32, String)> = BTreeMap::new();
+    for id in sessions.keys() {
+        let (session, number) = part_of(id);
+        let last = last_parts.entry(session.to_owned()).or_default();
+        *last = (number, id.clone()).max(std::mem::take(last));
+    }
     for path in beside {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if let Some(files) = sessions.get_mut(owner(&name)) {
+        let owner = owner(&name);
+        let last_part = last_parts.get(owner).filter(|_| is_of_all_parts(&path));
+        let owner = last_part.map_or(owner, |(_, id)| id);
+        if let Some(files) = sessions.get_mut(owner) {
             files.push(path);
         }
     }
@@ -297,6 +317,14 @@ fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError
         files.push(path_of(dir, id));
     }
     Ok(sessions)
+}
+
+/// Whether a file beside a session belongs to all its parts: it has the name of the first one, and goes with the last that is there.
+fn is_of_all_parts(file: &Path) -> bool {
+    let states = [StateKind::Tracking, StateKind::Course].map(StateKind::extension);
+    let endings = [states[0], states[1], crate::quantities::QUANTITIES];
+    file.extension()
+        .is_some_and(|end| endings.iter().any(|ending| end == *ending))
 }
 
 /// The session that a companion file belongs to, by its name.
@@ -317,7 +345,7 @@ fn size(file: &Path) -> u64 {
 fn remove(
     dir: &Path,
     removed: &Removed,
-    files: &[PathBuf],
+    files: &[&Path],
     now: DateTime<Utc>,
 ) -> Result<(), LogbookError> {
     #[derive(Serialize)]

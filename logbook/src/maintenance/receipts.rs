@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::LogbookError;
+use crate::files::{id_of, part_of};
 
 /// End of the name of a receipt.
 const ARCHIVED: &str = "archived.json";
@@ -16,7 +17,7 @@ const ARCHIVED: &str = "archived.json";
 /// The archive's receipt of a part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ArchiveReceipt {
-    /// When the receipt was written.
+    /// When the part was read for it.
     pub at: DateTime<Utc>,
     /// SHA-256 of the part, hexadecimal, computed from what the store holds.
     pub sha256: String,
@@ -24,7 +25,7 @@ pub struct ArchiveReceipt {
     pub bytes: u64,
     /// Where the part is in the store.
     pub stored_as: String,
-    /// Lines of the session's quantities in the archive.
+    /// Lines of the session's quantities in the archive; 0 beside a part that is not the first one there.
     pub quantity_lines: u64,
 }
 
@@ -67,14 +68,21 @@ pub fn receipt(path: impl AsRef<Path>) -> Option<ArchiveReceipt> {
     serde_json::from_str(&text).ok()
 }
 
-/// The receipt of a part, if the archive holds the part as it is now and all quantities beside it. Reads the whole part.
+/// The receipt of a part, if the archive holds the part as it is now; of the first part that is there, if it holds all quantities
+/// beside the parts too. Reads the whole part.
 pub fn archived(path: impl AsRef<Path>) -> Option<ArchiveReceipt> {
     let path = path.as_ref();
     let receipt = receipt(path)?;
     let (sha256, bytes) = sha256_of(std::fs::File::open(path).ok()?).ok()?;
-    let dir = outfile::folder_of(path);
-    let beside = crate::quantity_lines(dir, crate::files::id_of(path)).ok()?;
-    let lines = beside.map_or(0, |found| found.lines.last().map_or(0, |last| last.number));
+    let parts = crate::parts(path).ok()?;
+    let lines = match parts.first()?.file_name() == path.file_name() {
+        true => {
+            let session = part_of(id_of(path)).0;
+            let beside = crate::quantity_lines(outfile::folder_of(path), session).ok()?;
+            beside.map_or(0, |found| found.lines.last().map_or(0, |last| last.number))
+        }
+        false => 0,
+    };
     (sha256 == receipt.sha256 && bytes == receipt.bytes && lines <= receipt.quantity_lines)
         .then_some(receipt)
 }

@@ -1,5 +1,6 @@
 //! Verification, repair and pruning of records.
 
+mod parts;
 mod receipts;
 
 use std::path::{Path, PathBuf};
