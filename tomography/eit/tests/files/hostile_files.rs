@@ -111,6 +111,28 @@ fn mutated(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
 }
 
 #[test]
+fn network_without_readings_or_whole_rows_is_refused() {
+    let new = |sizes, centres, mixing, weights| {
+        let [centres, weights] = [centres, weights].map(|count| vec![0.1; count]);
+        RbfNetwork::new(sizes, 0.2, centres, vec![0.1; mixing], weights)
+    };
+    // two neurons of four readings, three directions of six triangles
+    assert!(new([4, 6], 8, 6, 18).is_ok());
+    for (sizes, centres, mixing, weights) in [
+        ([0, 6], 8, 6, 18),
+        ([4, 0], 8, 6, 18),
+        ([4, 6], 0, 6, 18),
+        ([4, 6], 9, 6, 18),
+        ([4, 6], 8, 7, 18),
+        ([4, 6], 8, 6, 20),
+        ([4, 6], 8, 0, 0),
+    ] {
+        let refused = new(sizes, centres, mixing, weights);
+        assert!(refused.is_err(), "{sizes:?} {centres} {mixing} {weights}");
+    }
+}
+
+#[test]
 fn a_model_file_may_change_while_it_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.safetensors");

@@ -135,11 +135,15 @@ impl RbfNetwork {
 
     /// Checks that the parts have consistent sizes, that every number is finite and the spread positive.
     fn is_sound(&self) -> Result<(), String> {
-        let neurons = self.neurons();
-        if neurons == 0
-            || self.mixing.is_empty()
-            || self.mixing.len() / neurons != self.weights.len() / self.outputs
-        {
+        // number of rows of this width; `None` where they are not whole, or there are none
+        let rows = |values: usize, width: usize| {
+            let rows = values.checked_div(width)?;
+            (rows > 0 && rows * width == values).then_some(rows)
+        };
+        let neurons = rows(self.centres.len(), self.inputs)
+            .ok_or("its centres do not fit its readings, or there are none")?;
+        let rank = rows(self.mixing.len(), neurons);
+        if rank.is_none() || rank != rows(self.weights.len(), self.outputs) {
             return Err("its mixing and weights have different ranks".to_owned());
         }
         if self.is_finite() {

@@ -93,7 +93,9 @@ impl TrainingDistribution {
 
     /// Whether the parts have consistent sizes, fit `width` readings, and are finite.
     pub(crate) fn is_sound(&self, width: usize) -> bool {
-        let kept = self.deviations.len().saturating_sub(1);
+        let Some(kept) = self.deviations.len().checked_sub(1) else {
+            return false;
+        };
         self.mean.len() == width
             && self.directions.len() == kept * width
             && self
@@ -179,6 +181,18 @@ mod tests {
         assert!(familiar.novelty(&odd) > 3.0, "{}", familiar.novelty(&odd));
         let far: Vec<f32> = row(7).iter().map(|v| 20.0 * v).collect();
         assert!(familiar.novelty(&far) > 3.0);
+    }
+
+    #[test]
+    fn distribution_without_deviations_is_not_sound() {
+        let of = |deviations: Vec<f32>| TrainingDistribution {
+            mean: vec![0.0; 4],
+            directions: Vec::new(),
+            deviations,
+            limit: 1.0,
+        };
+        assert!(of(vec![1.0]).is_sound(4));
+        assert!(!of(Vec::new()).is_sound(4));
     }
 
     #[test]
