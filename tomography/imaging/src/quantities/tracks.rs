@@ -182,7 +182,13 @@ impl Tracks {
         }
         let mut changes = Vec::new();
         let step = at_s - self.last_s;
-        let before = std::mem::take(&mut self.current);
+        let mut before = std::mem::take(&mut self.current);
+        if step < 0.0 {
+            // the clock was set back: they are as old as before
+            for track in &mut before {
+                track.since_s += step;
+            }
+        }
         for (spot, old) in spots.iter().zip(&track_of) {
             let track = match old {
                 Some(old) => before[*old].followed(spot, step),
@@ -334,6 +340,16 @@ mod tests {
             tracks.take(2.0, &[spot(25.0, 2800.0), spot(200.0, 300.0)], 0.5),
             [SpotChange::Appeared { number: 4 }]
         );
+    }
+
+    #[test]
+    fn spot_keeps_its_age_where_the_clock_is_set_back() {
+        let mut tracks = Tracks::default();
+        for second in [1000.0, 1020.0, 400.0, 410.0] {
+            tracks.take(second, &[spot(10.0, 300.0)], 0.5);
+        }
+        let list = tracks.list(LoadUnit::RelativeLoss, &[]);
+        assert_eq!((list[0].number, list[0].age_s), (1, Some(30.0)));
     }
 
     #[test]
