@@ -31,6 +31,8 @@ pub(super) struct Frame {
     pub(super) step: Option<DVector<f64>>,
     /// Usable rows.
     pub(super) rows: Vec<usize>,
+    /// Those that the last frame has too: the others have no step.
+    pub(super) step_rows: Vec<usize>,
     /// Days since the last frame.
     pub(super) days: f64,
 }
@@ -41,9 +43,11 @@ impl Frame {
         for row in 0..self.e.len() {
             if self.rows.binary_search(&row).is_err() {
                 self.e[row] = 0.0;
-                if let Some(step) = &mut self.step {
-                    step[row] = 0.0;
-                }
+            }
+            if let Some(step) = &mut self.step
+                && self.step_rows.binary_search(&row).is_err()
+            {
+                step[row] = 0.0;
             }
         }
     }
@@ -128,13 +132,8 @@ impl Tracker {
             let step = &frame.in_basis - before;
             basis.load_tests(&self.model, &step, &variances, &squares, 1)
         } else {
-            let last = &self.state.last_rows;
-            let both = frame
-                .rows
-                .iter()
-                .filter(|row| last.binary_search(row).is_ok());
-            let both: Vec<usize> = both.copied().collect();
-            Whitened::new(&self.of_step(frame.days), step, &both)?.load_tests(&self.model, 1)
+            Whitened::new(&self.of_step(frame.days), step, &frame.step_rows)?
+                .load_tests(&self.model, 1)
         };
         Ok(tests.into_iter().next().filter(|test| test.score > LOADED))
     }
@@ -198,6 +197,14 @@ impl Tracker {
         let mut covariance = of_baseline + &self.model.noise;
         self.allow_lost_contacts(&mut covariance, None);
         covariance
+    }
+
+    /// Those of the rows of a frame that the last frame has too; none if no step can be taken from it.
+    pub(super) fn step_rows(&self, rows: &[usize]) -> Vec<usize> {
+        let state = &self.state;
+        let has =
+            |row: &&usize| !state.last.is_empty() && state.last_rows.binary_search(row).is_ok();
+        rows.iter().filter(has).copied().collect()
     }
 
     /// Rows of healthy electrodes.
@@ -266,7 +273,7 @@ impl Tracker {
         };
         if let (true, Some(step)) = (self.state.ledger.loaded(), &frame.step) {
             let covariance = self.of_step(frame.days);
-            let allowed = check.allow(&self.model, &covariance, &frame.rows)?;
+            let allowed = check.allow(&self.model, &covariance, &frame.step_rows)?;
             return find(step, &allowed);
         }
         let allowed = match now.allowed.get() {

@@ -159,7 +159,7 @@ impl Tracker {
         let comes = std::mem::take(&mut self.state.ledger.comes);
         if let (Some(test), Some(step)) = (event, &frame.step) {
             let came = test.change < 0.0;
-            let fit = Whitened::new(&self.of_step(frame.days), step, &frame.rows)?;
+            let fit = Whitened::new(&self.of_step(frame.days), step, &frame.step_rows)?;
             let mut fit = fit.fit_disc(&self.model)?;
             let whole = match comes && came {
                 true => self.as_one_load(frame, white)?,

@@ -205,13 +205,16 @@ impl Tracker {
             self.mask(&masked)?;
         }
         self.use_again(&masked);
+        let rows = self.usable(&relative.rows);
+        let step_rows = self.step_rows(&rows);
         let mut frame_now = Frame {
             e: &relative.data - self.state.baseline(),
-            step: (!self.state.last.is_empty())
+            step: (!step_rows.is_empty())
                 .then(|| &relative.data - DVector::from_column_slice(&self.state.last)),
             in_basis: self.prepared.basis.of(&relative.data),
             data: relative.data,
-            rows: self.usable(&relative.rows),
+            rows,
+            step_rows,
             days,
         };
         let mut now = self.innovation(days, &frame_now.rows)?;
@@ -220,6 +223,10 @@ impl Tracker {
         if let Some(fault) = fault {
             self.mask(&fault.electrodes(self.model.mesh().electrodes()))?;
             frame_now.rows = self.usable(&relative.rows);
+            frame_now.step_rows = self.step_rows(&frame_now.rows);
+            if frame_now.step_rows.is_empty() {
+                frame_now.step = None;
+            }
         }
         if fault.is_none() && !self.state.ledger.loaded() {
             let ill = self.still_ill(&frame_now, &relative.rows)?;

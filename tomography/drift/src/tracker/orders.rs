@@ -107,7 +107,13 @@ impl Tracker {
         if !self.state.ledger.loaded() {
             let (pace, at_s) = (self.state.pace.pace, self.state.at_s);
             let (anchors, basis) = (&self.state.anchors, &self.prepared.basis);
-            let slow = anchors.alarm(&self.model, basis, &frame.data, pace, at_s);
+            // readings that are missing, or of faulty electrodes, show no loss: then what was learnt counts
+            let complete = frame.rows.len() == self.prepared.rows.len();
+            let data = match complete {
+                true => &frame.data,
+                false => &self.state.baseline(),
+            };
+            let slow = anchors.alarm(&self.model, basis, data, pace, at_s);
             if let Some(alarm) = slow.filter(|alarm| alarm.change < 0.0) {
                 // the load that came slowly was learnt as drift
                 let learnt = self.model.disc(alarm.centre, alarm.diameter) * alarm.change;

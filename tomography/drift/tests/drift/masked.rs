@@ -2,12 +2,15 @@
 
 use std::sync::Arc;
 
-use drift::{Answer, ElectrodeCheck, ElectrodeFault, Injection, Judgement, TimedReading, Tracker};
+use drift::{
+    Answer, ElectrodeCheck, ElectrodeFault, Injection, Judgement, TimedReading, Tracker,
+    TrackingOrder,
+};
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use survey::{Reading, Volts};
+use survey::{Electrode, Reading, Volts};
 
 use crate::sheet::Sheet;
 use crate::walk::{EVERY_S, Walk, walked};
@@ -136,6 +139,33 @@ fn electrode_stays_masked_while_a_load_hides_whether_it_healed() {
         assert_eq!(days.follow(1, false, false).masked, [OPEN]);
     }
     assert!(days.follow(1, false, false).masked.is_empty());
+}
+
+#[test]
+fn floating_electrode_is_no_slow_load_of_an_order() {
+    let mut days = Days::new();
+    let measurements = days.walk.model.pairs().protocol().measurements().to_vec();
+    // one of the two looks like a loss, the other like a gain
+    for volts in [1e-3, -1e-3] {
+        let mut tracker = days.tracker.clone();
+        let mut follow = |tracker: &mut Tracker, intervals: usize| {
+            let mut readings = days.walk.frame(None);
+            for (k, (reading, one)) in readings.iter_mut().zip(&measurements).enumerate() {
+                if one.electrodes().contains(&Electrode(OPEN)) {
+                    let own = reading.volts().unwrap().0;
+                    *reading = Reading::Ok(Volts(own + volts * (k as f64).sin()));
+                }
+            }
+            let at_s = EVERY_S * (days.frame + intervals) as f64;
+            tracker.follow(&readings, at_s).unwrap()
+        };
+        assert_eq!(follow(&mut tracker, 1).masked, [OPEN]);
+        let before = tracker.baseline();
+        tracker.order(TrackingOrder::LoadedNow);
+        assert!(follow(&mut tracker, 2).held);
+        // no loss had been learnt as drift
+        assert_eq!(tracker.baseline(), before);
+    }
 }
 
 /// Readings with noise of 2 uV.

@@ -267,6 +267,30 @@ fn gap_and_clock_that_goes_back_are_survived() {
     assert!(tracker.follow(&readings[1..], EVERY_S * 501.0).is_err());
 }
 
+#[test]
+fn reading_that_returns_under_a_load_is_no_fault() {
+    let (mut walk, mut tracker) = walked(30);
+    let weight = walk.model.disc([0.06, 0.07], 0.06) * -0.3;
+    let both = &weight + walk.model.disc([0.12, 0.15], 0.03) * -0.4;
+    for frame in 31..=36 {
+        follow(&mut tracker, &mut walk, frame, Some((&weight, 1.0)));
+    }
+    // the reading that the weight changes most
+    let [most, _] = walk.model.pairs().readings(weight.icamax());
+    let mut readings = walk.frame(Some((&weight, 1.0)));
+    readings[most] = Reading::Overload;
+    tracker.follow(&readings, EVERY_S * 37.0).unwrap();
+    let mut alone = tracker.clone();
+    let answer = follow(&mut alone, &mut walk, 38, Some((&weight, 1.0)));
+    assert_eq!((answer.fault, answer.event), (None, None));
+    assert!(answer.masked.is_empty());
+    // a second load that comes then is found where it lies
+    let answer = follow(&mut tracker, &mut walk, 38, Some((&both, 1.0)));
+    assert_eq!((answer.fault, answer.loads), (None, 2));
+    let found = answer.event.expect("a load came").fit.disc.centre;
+    assert!((found[0] - 0.12).hypot(found[1] - 0.15) < 1e-3, "{found:?}");
+}
+
 /// Every electrode open and shorted to its neighbour, every third floating and shorted to a distant one. Nonlinear data of a
 /// finer mesh.
 #[test]
