@@ -72,6 +72,13 @@ impl Anchors {
             .retain(|anchor| at_s - anchor.at_s <= OLDEST * DAY_S);
     }
 
+    /// The clock was set back to this time: baselines that were kept later are of this time at the latest.
+    pub(super) fn set_back(&mut self, at_s: f64) {
+        for anchor in &mut self.kept {
+            anchor.at_s = anchor.at_s.min(at_s);
+        }
+    }
+
     /// The strongest alarm of a frame without known load.
     pub(crate) fn alarm(
         &self,

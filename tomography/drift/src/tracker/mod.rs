@@ -199,6 +199,9 @@ impl Tracker {
             days = days.max(self.state.kept_days.unwrap_or(0.0));
         }
         let masked = self.state.masked();
+        if clock_went_back {
+            self.state.set_back(at_s);
+        }
         self.state.at_s = at_s;
         if self.state.ledger.loaded() && masked.len() <= MOST_MASKED {
             // steps do not tell whether an electrode healed, and a load may hide it; frames without a judgement must end

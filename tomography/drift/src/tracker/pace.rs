@@ -132,6 +132,11 @@ impl Pace {
         self.last_s = at_s;
     }
 
+    /// The clock was set back to this time: the wait for the next choice begins there.
+    pub(crate) fn set_back(&mut self, at_s: f64) {
+        self.chosen_s = self.chosen_s.min(at_s);
+    }
+
     /// Local change of this standard deviation may have happened: after a load.
     pub(crate) fn changed_locally(&mut self, basis: &Basis, size: f64) {
         for filter in &mut self.filters {

@@ -187,6 +187,19 @@ impl TrackerState {
         }
     }
 
+    /// The clock was set back to this time: what is later counts from it, so that nothing waits until the clock is there again.
+    pub(super) fn set_back(&mut self, at_s: f64) {
+        let masked = self.masked();
+        self.faults
+            .retain(|fault| masked.contains(&fault.electrode));
+        for fault in &mut self.faults {
+            fault.last_s = fault.last_s.min(at_s);
+        }
+        self.empty_s = self.empty_s.min(at_s);
+        self.pace.set_back(at_s);
+        self.anchors.set_back(at_s);
+    }
+
     /// Electrodes that were faulty within the last hour, from 0, ascending.
     pub fn masked(&self) -> Vec<usize> {
         let recent = |fault: &&Fault| (self.at_s - fault.last_s).abs() < HEALED_S;

@@ -142,6 +142,20 @@ fn electrode_stays_masked_while_a_load_hides_whether_it_healed() {
 }
 
 #[test]
+fn electrode_waits_an_hour_after_the_clock_was_set_back() {
+    let mut days = Days::new();
+    assert!(names_it(&days.follow(1, true, false)));
+    days.frame -= 2 * HOUR;
+    for _ in 0..HOUR {
+        assert_eq!(days.follow(1, false, false).masked, [OPEN]);
+    }
+    // it stays in use at the time at which it was faulty by the clock before
+    for _ in 0..3 * HOUR {
+        assert!(days.follow(1, false, false).masked.is_empty());
+    }
+}
+
+#[test]
 fn floating_electrode_is_no_slow_load_of_an_order() {
     let mut days = Days::new();
     let measurements = days.walk.model.pairs().protocol().measurements().to_vec();

@@ -291,6 +291,26 @@ fn reading_that_returns_under_a_load_is_no_fault() {
     assert!((found[0] - 0.12).hypot(found[1] - 0.15) < 1e-3, "{found:?}");
 }
 
+#[test]
+fn clock_that_was_a_year_ahead_delays_nothing() {
+    let (mut walk, mut tracker) = walked(20);
+    follow(&mut tracker, &mut walk, 21 + 365 * 144, None);
+    for frame in 22..=22 + 2 * 144 {
+        follow(&mut tracker, &mut walk, frame, None);
+    }
+    let state = serde_json::to_value(tracker.state()).unwrap();
+    let seconds = |value: &Value| {
+        let digits = value.as_str().expect("hexadecimal digits");
+        f64::from_bits(u64::from_str_radix(digits, 16).unwrap())
+    };
+    // the pace is chosen, and a baseline is kept, once a day
+    let days = [22.0, 22.0 + 144.0, 22.0 + 2.0 * 144.0].map(|frame| EVERY_S * frame);
+    assert_eq!(seconds(&state["pace"]["chosen_s"]), days[2]);
+    let kept = state["anchors"]["kept"].as_array().expect("a list");
+    let kept: Vec<f64> = kept.iter().map(|one| seconds(&one["at_s"])).collect();
+    assert_eq!(kept, days);
+}
+
 /// Every electrode open and shorted to its neighbour, every third floating and shorted to a distant one. Nonlinear data of a
 /// finer mesh.
 #[test]
