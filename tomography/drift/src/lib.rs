@@ -36,5 +36,7 @@ pub use pairs::{Pairs, Relative};
 pub use sheet::{FitOptions, SheetFit};
 pub use sizes::Sizes;
 pub use tracker::bits;
-pub use tracker::{AnchorAlarm, Answer, Event, Judgement, Tracker, TrackerState, TrackingOrder};
+pub use tracker::{
+    AnchorAlarm, Answer, Event, Judgement, MOST_MASKED, Tracker, TrackerState, TrackingOrder,
+};
 pub use whitened::Whitened;

@@ -42,7 +42,7 @@ const SAME_INTERVAL: f64 = 0.02;
 /// Seconds for which a faulty electrode must be healthy before it is used again.
 const HEALED_S: f64 = 3600.0;
 /// Electrodes that may be masked.
-const MOST_MASKED: usize = 3;
+pub const MOST_MASKED: usize = 3;
 
 /// What a frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

@@ -4,6 +4,8 @@
 mod kept;
 mod moving;
 mod orders;
+#[cfg(test)]
+mod tests;
 mod tracked;
 
 use std::sync::Arc;
@@ -222,10 +224,11 @@ impl Tracking {
                 let tracked = Tracked::new(&answer, load.as_ref(), state, self.alarm, times);
                 (self.without(frame, &answer.masked), tracked)
             }
-            None => (
-                frame.to_vec(),
-                Tracked::unanswered(self.tracker.state(), at_s),
-            ),
+            None => {
+                let state = self.tracker.state();
+                let tracked = Tracked::unanswered(state, at_s);
+                (self.without(frame, &state.masked()), tracked)
+            }
         };
         let baseline = self.baseline();
         Ok(TrackedFrame {
@@ -275,6 +278,9 @@ impl Tracking {
         self.with_unlearnt = None;
         match self.tracker.follow(frame, at_s) {
             Ok(answer) => {
+                if answer.clock_went_back {
+                    self.began_s = self.began_s.min(at_s);
+                }
                 if !answer.orders.is_empty() {
                     // each of them answers whether a slow change is a load or age
                     self.alarm = None;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use drift::{AnchorAlarm, Answer, DiscFit, ElectrodeFault, Judgement, TrackerState};
+use drift::{AnchorAlarm, Answer, DiscFit, ElectrodeFault, Judgement, MOST_MASKED, TrackerState};
 use serde::{Deserialize, Serialize};
 use survey::Electrode;
 
@@ -192,6 +192,18 @@ fn doubt(
     alarm: Option<AnchorAlarm>,
     age_s: f64,
 ) -> Option<(Doubtful, String)> {
+    if answer.judgement == Judgement::Unknown && answer.masked.len() <= MOST_MASKED {
+        let faulty: Vec<String> = numbers(&answer.masked)
+            .iter()
+            .map(usize::to_string)
+            .collect();
+        let text = format!(
+            "fewer than half of the pairs of readings are left: readings are missing, and those of faulty electrodes ({}) are not used; \
+             it ends with the next whole frame",
+            faulty.join(", ")
+        );
+        return Some((Doubtful::TooFewReadings, text));
+    }
     if answer.judgement == Judgement::Unknown {
         let text = format!(
             "{} electrodes are faulty, more than three; repair their contacts: they are used again an hour later (no \
@@ -267,9 +279,7 @@ impl fmt::Display for Tracked {
                     )?,
                 }
             }
-            (Judgement::Loaded, None) if self.held => {
-                write!(f, "a load, declared by a user")?
-            }
+            (Judgement::Loaded, None) if self.held => write!(f, "a load, declared by a user")?,
             (Judgement::Loaded, None) => write!(f, "{} loads", self.loads)?,
             (Judgement::Unknown, _) => write!(f, "this frame cannot be evaluated")?,
         }

@@ -1,0 +1,82 @@
+//! Frames that cannot be judged, and a clock that is set back.
+
+use eit::{Forward, PaperSheet, Preset};
+use survey::{Amps, Protocol, Volts};
+
+use super::*;
+use crate::geometry::Geometry;
+
+/// Time of the baseline, and of the first frame, s.
+const BEGAN_S: f64 = 1e6;
+const FIRST_S: f64 = BEGAN_S + 600.0;
+const FLOATING: Electrode = Electrode(5);
+
+/// A sheet on a coarse mesh, and its baseline.
+fn tracking() -> (Tracking, Vec<Reading>) {
+    let sheet = PaperSheet {
+        fineness: 0.5,
+        ..PaperSheet::default()
+    };
+    let geometry = Geometry::from_preset(&Preset::PaperSheet(sheet)).unwrap();
+    let protocol = Protocol::sheffield(26).unwrap();
+    let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).unwrap();
+    let ohms = forward.readings(&geometry.sigma0, &protocol).unwrap();
+    let baseline = Reading::of_volts(ohms.iter().map(|ohms| 1e-3 * ohms));
+    let conditions = Conditions::live(&geometry, &protocol, Amps(1e-3));
+    let tracking = Tracking::new(&conditions, &baseline, 2e-6, BEGAN_S).unwrap();
+    (tracking, baseline)
+}
+
+#[test]
+fn faulty_electrode_is_left_out_where_readings_are_missing() {
+    let (mut tracking, baseline) = tracking();
+    let pairs = tracking.model().pairs().clone();
+    let measurements = pairs.protocol().measurements();
+    let uses = |reading: usize| measurements[reading].electrodes().contains(&FLOATING);
+    let frame: Vec<Reading> = baseline
+        .iter()
+        .enumerate()
+        .map(
+            |(reading, baseline)| match (uses(reading), baseline.volts()) {
+                (true, Some(Volts(volts))) => {
+                    Reading::Ok(Volts(volts + 1e-3 * (reading as f64).sin()))
+                }
+                _ => *baseline,
+            },
+        )
+        .collect();
+    let found = tracking.follow(&frame, FIRST_S).unwrap().tracked;
+    assert_eq!(found.masked, [FLOATING.number()]);
+    let others: Vec<usize> = (0..pairs.len())
+        .map(|row| pairs.readings(row)[0])
+        .filter(|reading| !uses(*reading))
+        .collect();
+    // with the pairs of the electrode fewer than half are left, or without them
+    for (missing, text) in [(120, "faulty electrodes (6)"), (160, "were measured")] {
+        let mut frame = frame.clone();
+        for &reading in &others[..missing] {
+            frame[reading] = Reading::NotMeasured;
+        }
+        let followed = tracking.follow(&frame, FIRST_S + 60.0).unwrap();
+        let tracked = followed.tracked;
+        assert_eq!(tracked.reason, Some(Doubtful::TooFewReadings), "{missing}");
+        let stated = tracked.text.unwrap_or_default();
+        assert!(stated.contains(text), "{missing}: {stated}");
+        for (reading, value) in followed.readings.iter().enumerate() {
+            assert!(
+                !uses(reading) || value.volts().is_none(),
+                "{missing}: {reading}"
+            );
+        }
+    }
+}
+
+#[test]
+fn baseline_is_not_younger_than_its_frames() {
+    let (mut tracking, baseline) = tracking();
+    tracking.follow(&baseline, FIRST_S).unwrap();
+    // the baseline was recorded with a clock that was ahead
+    tracking.follow(&baseline, FIRST_S - 86_400.0).unwrap();
+    assert_eq!(tracking.state().began_s, FIRST_S - 86_400.0);
+    assert!(tracking.drift().is_ok());
+}
