@@ -346,6 +346,11 @@ impl DriftModel {
         out
     }
 
+    /// The noise of the instruments.
+    pub(crate) fn instruments(&self) -> Noise {
+        self.instruments
+    }
+
     /// Row of a reading of the protocol.
     pub(crate) fn row_of(&self, reading: usize) -> usize {
         self.row_of[reading]

@@ -136,14 +136,17 @@ impl Tracker {
         Self::restore(model, state)
     }
 
-    /// Continues from a state of the same sheet: later answers have the same bits as without the interruption.
+    /// Continues from a state of the same sheet: later answers have the same bits as without the interruption, where the noise of the
+    /// model is the same too.
     ///
     /// # Errors
     /// A state of another mesh, baseline or build, or a damaged one.
-    pub fn restore(model: Arc<DriftModel>, state: TrackerState) -> Result<Self, DriftError> {
+    pub fn restore(model: Arc<DriftModel>, mut state: TrackerState) -> Result<Self, DriftError> {
         state.check(&model)?;
+        let basis = Basis::new(&model)?;
+        state.take_noise(&model, &basis);
         let prepared = Arc::new(Prepared {
-            basis: Basis::new(&model)?,
+            basis,
             check: ElectrodeCheck::new(&model),
             per_day: model.drift(&PER_DAY),
             rows: (0..model.pairs().len()).collect(),

@@ -9,6 +9,7 @@ use super::orders::TrackingOrder;
 use super::pace::Pace;
 use super::{HEALED_S, bits};
 use crate::DriftError;
+use crate::basis::Basis;
 use crate::model::DriftModel;
 
 /// Everything that later answers depend on, besides the sheet.
@@ -47,6 +48,10 @@ pub struct TrackerState {
     /// Orders of a person that wait for a frame.
     #[serde(default)]
     pub(super) orders: Vec<TrackingOrder>,
+    /// Noise of a reading and thermal voltage of a sensing pair, V, in whose coordinates the pace follows the sheet; empty in states
+    /// that were made without them.
+    #[serde(default, with = "bits")]
+    noise: Vec<f64>,
 }
 
 /// A faulty electrode.
@@ -77,6 +82,7 @@ impl TrackerState {
             anchors: Anchors::default(),
             faults: Vec::new(),
             orders: Vec::new(),
+            noise: noise_of(model),
         };
         state.set_covariance(&model.noise);
         state.anchors.keep(&DVector::zeros(rows), at_s);
@@ -115,6 +121,17 @@ impl TrackerState {
             Some((field, _)) => Err(DriftError::DamagedState { field }),
             None => Ok(()),
         }
+    }
+
+    /// Goes on with the noise of this model: where it was another one, the pace is followed anew from the tracked baseline on.
+    pub(super) fn take_noise(&mut self, model: &DriftModel, basis: &Basis) {
+        let noise = noise_of(model);
+        if !self.noise.is_empty() && self.noise != noise {
+            let baseline = basis.of(&self.baseline());
+            self.pace.begin_again(&baseline, self.empty_s);
+            self.restart();
+        }
+        self.noise = noise;
     }
 
     pub(super) fn baseline(&self) -> DVector<f64> {
@@ -256,6 +273,11 @@ impl TrackerState {
     pub fn pace(&self) -> f64 {
         self.pace.pace
     }
+}
+
+fn noise_of(model: &DriftModel) -> Vec<f64> {
+    let noise = model.instruments();
+    vec![noise.reading_v, noise.emf_v]
 }
 
 /// Mesh, baseline and build: FNV-1a of the numbers that the data depend on.

@@ -6,6 +6,7 @@ mod masked;
 mod moving;
 mod oblong;
 mod orders;
+mod restored;
 mod sheet;
 mod single_frame;
 mod tracker;
