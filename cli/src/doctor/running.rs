@@ -92,15 +92,7 @@ pub(super) async fn check(global: &Global, wanted: &DoctorConfig) -> Running {
     match answer.await {
         Ok((address, health, directory)) => {
             running.record_directory = Some(PathBuf::from(directory));
-            let troubles = health.troubles.unwrap_or_default();
-            running.findings.push(match troubles.as_slice() {
-                [] => Finding::ok("daemon", format!("replies at {address}, and is well")),
-                troubles => Finding::warn(
-                    "daemon",
-                    format!("answers at {address}: {}", troubles.join("; ")),
-                    "`tactus status`",
-                ),
-            });
+            running.findings.push(daemon(&address, &health));
         }
         Err(failure) => {
             let text = failure.to_string();
@@ -117,6 +109,24 @@ pub(super) async fn check(global: &Global, wanted: &DoctorConfig) -> Running {
     }
     running.findings.extend(peer_socket(wanted));
     running
+}
+
+/// What a daemon reports of itself: it is well only if it reports so.
+fn daemon(address: &str, health: &dbus::Health) -> Finding {
+    let troubles = health.troubles.as_deref().unwrap_or_default();
+    let why = match (health.well, troubles) {
+        (Some(true), []) => {
+            return Finding::ok("daemon", format!("replies at {address}, and is well"));
+        }
+        (Some(false), []) => "it is not well, and gives no reason".to_owned(),
+        (None, []) => "it does not report whether it is well".to_owned(),
+        (_, troubles) => troubles.join("; "),
+    };
+    Finding::warn(
+        "daemon",
+        format!("answers at {address}: {why}"),
+        "`tactus status`",
+    )
 }
 
 /// Checks that the configured socket of the daemon exists and is accessible.
@@ -329,6 +339,35 @@ mod tests {
         );
         let absent = Command::new("/nonexistent/tactusd").output();
         assert_eq!(judged(file, absent).verdict, CheckResult::Warn);
+    }
+
+    #[test]
+    fn a_daemon_is_well_only_if_it_reports_so() {
+        let of = |well, troubles: Option<&[&str]>| {
+            let troubles = troubles.map(|texts| texts.iter().map(ToString::to_string).collect());
+            let health = dbus::Health {
+                well,
+                troubles,
+                ..dbus::Health::default()
+            };
+            let found = daemon("unix:path=/run/x", &health);
+            (found.verdict, found.text)
+        };
+        let (verdict, text) = of(Some(true), Some(&[]));
+        assert_eq!(verdict, CheckResult::Ok);
+        assert!(text.ends_with("and is well"), "{text}");
+        assert_eq!(of(Some(true), None).0, CheckResult::Ok);
+        for (well, troubles, words) in [
+            (Some(false), None, "not well"),
+            (None, None, "does not report whether it is well"),
+            (None, Some(&[][..]), "does not report whether it is well"),
+            (Some(false), Some(&["lost: 6221"][..]), "lost: 6221"),
+            (None, Some(&["lost: 6221"][..]), "lost: 6221"),
+        ] {
+            let (verdict, text) = of(well, troubles);
+            assert_eq!(verdict, CheckResult::Warn, "{text}");
+            assert!(text.contains(words), "{text}");
+        }
     }
 
     #[test]
