@@ -81,8 +81,11 @@ pub(crate) fn header_row(
         about: serde_json::from_str(&text("about")?).map_err(|cause| content("about", &cause))?,
         asked: text("asked")?,
         continues: row.get("continues")?,
-        first_sequence: u64::try_from(row.get::<_, i64>("first_sequence")?)
-            .map_err(|cause| content("first sequence", &cause))?,
+        first_sequence: match u64::try_from(row.get::<_, i64>("first_sequence")?) {
+            // readers count from the number before it
+            Ok(0) => return Err(content("first sequence", &"it is 0, numbers begin at 1")),
+            number => number.map_err(|cause| content("first sequence", &cause))?,
+        },
     };
     let header_checksum =
         HeaderChecksum::of(&header).map_err(|cause| content("checksum", &cause))?;
@@ -119,4 +122,41 @@ fn end(row: &Row<'_>, header_checksum: HeaderChecksum) -> End {
             reason: "closed; the entry with the reason is damaged".into(),
         })
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use rusqlite::params;
+    use survey::Protocol;
+
+    use super::*;
+    use crate::{LogbookError, SessionReader, SessionWriter};
+
+    #[test]
+    fn a_header_whose_first_number_is_zero_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let protocol = Protocol::sheffield(8).unwrap();
+        let header = SessionHeader::new("m1", DateTime::UNIX_EPOCH, protocol);
+        let writer = SessionWriter::create(folder.path(), &header).unwrap();
+        let path = writer.path().to_owned();
+        writer.close(DateTime::UNIX_EPOCH, "done").unwrap();
+        let forged = SessionHeader {
+            first_sequence: 0,
+            ..header
+        };
+        let checksum = HeaderChecksum::of(&forged).unwrap().bytes();
+        let file = rusqlite::Connection::open(&path).unwrap();
+        file.pragma_update(None, "ignore_check_constraints", true)
+            .unwrap();
+        let sql = "UPDATE session SET first_sequence = 0, checksum = ?1";
+        file.execute(sql, params![checksum.as_slice()]).unwrap();
+        drop(file);
+        match SessionReader::open(&path).err() {
+            Some(LogbookError::Damaged { place, why, .. }) => {
+                assert_eq!(place, "its header");
+                assert_eq!(why, "first sequence: it is 0, numbers begin at 1");
+            }
+            other => panic!("{other:?}"),
+        }
+    }
 }
