@@ -75,11 +75,17 @@ pub(crate) fn write(
                 "protocol.csv",
                 eit::protocol_text(&header.protocol, &currents),
             )?;
+            Case::remove_mesh(folder, existing)
+                .map_err(|error| Failure::failed("the case folder cannot be written", &error))?;
         }
     }
-    if let Some(baseline) = baseline {
-        let table = heading(&header.protocol) + &row("baseline", &baseline.readings);
-        put(BASELINE, table)?;
+    match baseline {
+        Some(baseline) => {
+            let table = heading(&header.protocol) + &row("baseline", &baseline.readings);
+            put(BASELINE, table)?;
+        }
+        // that of an earlier export would be read as the baseline of these frames
+        None => outfile::remove(&folder.join(BASELINE), existing)?,
     }
     let provenance = provenance(header, baseline)
         .text()

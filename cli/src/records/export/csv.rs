@@ -56,10 +56,14 @@ pub(super) fn tables(
     })?;
     say(printer, "frames", &file.finish()?, written)?;
     if let (Some(companions), Some(case)) = (&companions, case) {
-        if let Some(baseline) = &baseline {
-            let table = baseline_table(&header.protocol, baseline);
-            outfile::write(&companions.baseline, existing, table.as_bytes())?;
-            say(printer, "baseline", &companions.baseline, baseline.frames)?;
+        match &baseline {
+            Some(baseline) => {
+                let table = baseline_table(&header.protocol, baseline);
+                outfile::write(&companions.baseline, existing, table.as_bytes())?;
+                say(printer, "baseline", &companions.baseline, baseline.frames)?;
+            }
+            // that of an earlier export is not the baseline of these frames
+            None => outfile::remove(&companions.baseline, existing)?,
         }
         case.finish()?;
         case_folder::write(

@@ -7,6 +7,7 @@ mod netcdf;
 mod parquet;
 mod pictures;
 mod refusals;
+mod replaced;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -93,4 +93,23 @@ impl Case {
         }
         Ok(())
     }
+
+    /// Removes mesh, contacts, region, depth and unloaded conductance of an earlier case in a folder that is written without a mesh.
+    ///
+    /// # Errors
+    /// A file that cannot be removed, or exists and must not be replaced.
+    pub fn remove_mesh(folder: &Path, existing: Existing) -> Result<(), CaseError> {
+        for name in [
+            "nodes.csv",
+            "elems.csv",
+            "electrode_edges.csv",
+            "electrodes.csv",
+            "roi.csv",
+            "sigma_homog.csv",
+            DEPTH,
+        ] {
+            outfile::remove(&folder.join(name), existing)?;
+        }
+        Ok(())
+    }
 }
