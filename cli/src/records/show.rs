@@ -4,7 +4,7 @@ use std::io::Write;
 
 use imaging::noise::rms_deviation;
 use imaging::recorded::SessionParts;
-use logbook::{About, InstrumentRecord, LogbookError, Record};
+use logbook::{About, InstrumentRecord, LogbookError};
 use serde::Serialize;
 use survey::{Amps, Baseline, Settings, printable};
 
@@ -136,20 +136,10 @@ impl Times {
     }
 }
 
-/// The last frame; the last part may have none yet.
-fn last_frame(session: &SessionParts) -> Result<Option<Record>, LogbookError> {
-    for part in session.each().iter().rev() {
-        if let Some(last) = part.last()? {
-            return Ok(Some(last));
-        }
-    }
-    Ok(None)
-}
-
 fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
     let header = session.header();
     let last_part = session.each().last().unwrap_or(&session.each()[0]);
-    let (last, last_unread) = match last_frame(session) {
+    let (last, last_unread) = match session.last() {
         Ok(last) => (last, None),
         Err(error @ LogbookError::Damaged { .. }) => (None, Some(chain(&error))),
         Err(other) => return Err(other.into()),

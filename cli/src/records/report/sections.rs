@@ -19,20 +19,22 @@ pub(super) fn summary(facts: &Facts<'_>) -> Result<String, Failure> {
     let mut rows: Vec<[String; 2]> = Vec::new();
     let mut push = |name: &str, text: String| rows.push([name.to_owned(), text]);
     let first = facts.session.frames().find_map(Result::ok);
-    let last = facts.session.frame(facts.session.last_sequence()?);
     if let Some(first) = &first {
         let count = facts.verified.frames;
         let begin = local(first.frame.wall);
-        let text = match &last {
-            Ok(last) => {
+        let unknown = |why: &str| {
+            format!(
+                "{count} that can be read, from {begin}; the end is not known, because the last one cannot be read: {why}"
+            )
+        };
+        let text = match facts.session.last() {
+            Ok(Some(last)) => {
                 let whole = (last.frame.wall - first.frame.wall).as_seconds_f64();
                 let end = local(last.frame.wall);
                 format!("{count} in {}, from {begin} to {end}", display_long(whole))
             }
-            Err(why) => format!(
-                "{count} that can be read, from {begin}; until when is not known, the last one cannot be read: {}",
-                chain(why)
-            ),
+            Ok(None) => unknown("its number is damaged"),
+            Err(why) => unknown(&chain(&why)),
         };
         push("frames", text);
     }

@@ -82,12 +82,33 @@ impl SessionParts {
         Ok(self.len()? == 0)
     }
 
-    /// Sequence number of the last frame; one less than the first's if there are none.
+    /// Sequence number of the last frame in [`SessionParts::frames`], which a later part without frames, or one whose earlier
+    /// part is gone, does not change; one less than the first's if there are none.
     ///
     /// # Errors
-    /// The last part cannot be read.
+    /// A part that cannot be read.
     pub fn last_sequence(&self) -> Result<u64, LogbookError> {
-        self.0.last().unwrap_or(&self.0[0]).last_sequence()
+        let parts: Vec<_> = self.with_next().collect();
+        for (part, next) in parts.into_iter().rev() {
+            let own = part.last_sequence()?;
+            let last = next.map_or(own, |next| own.min(next.saturating_sub(1)));
+            if last >= part.header().first_sequence {
+                return Ok(last);
+            }
+        }
+        Ok(self.header().first_sequence.saturating_sub(1))
+    }
+
+    /// The last frame; `None` if there are none.
+    ///
+    /// # Errors
+    /// A part that cannot be read, or that frame is damaged.
+    pub fn last(&self) -> Result<Option<Record>, LogbookError> {
+        let last = self.last_sequence()?;
+        match last < self.header().first_sequence {
+            true => Ok(None),
+            false => self.frame(last).map(Some),
+        }
     }
 
     /// The frame with this sequence number.
@@ -125,5 +146,66 @@ impl SessionParts {
         let next = self.0.iter().skip(1);
         let begins = next.map(|part| Some(part.header().first_sequence));
         self.0.iter().zip(begins.chain([None]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use chrono::DateTime;
+    use logbook::SessionWriter;
+    use survey::{Amps, Frame, Precautions, Protocol, Reading, Settings, Volts};
+
+    use super::*;
+
+    /// The session `m1` in parts with the frames 1 and 2, 3 and 4, and none.
+    fn in_parts(folder: &Path) {
+        let protocol = Protocol::sheffield(4).unwrap();
+        let at = DateTime::UNIX_EPOCH;
+        let header = SessionHeader::new("m1", at, protocol.clone());
+        let mut writer = SessionWriter::create(folder, &header).unwrap();
+        for number in 1..=4 {
+            let frame = Frame {
+                sequence: number,
+                readings: vec![Reading::Ok(Volts(1.0)); 4],
+                monotonic: Duration::from_secs(number),
+                wall: at + Duration::from_secs(number),
+                duration: Duration::from_millis(500),
+                settings: Settings {
+                    protocol_hash: protocol.hash(),
+                    current: Amps(1.0),
+                    range: Volts(10.0),
+                    nplc: 1.0,
+                    settle: Duration::ZERO,
+                    wiring: "wiring".to_owned(),
+                    precautions: Precautions::default(),
+                },
+                extra: Vec::new(),
+                compliance: Vec::new(),
+                simulated: false,
+            };
+            writer.append(&frame, None).unwrap();
+            if number % 2 == 0 {
+                writer.roll(at).unwrap();
+            }
+        }
+        writer.close(at, "end").unwrap();
+    }
+
+    #[test]
+    fn the_last_frame_is_the_last_that_is_there() {
+        let folder = tempfile::tempdir().unwrap();
+        in_parts(folder.path());
+        let file = |name: &str| folder.path().join(name);
+        let last = |name: &str| {
+            let parts = SessionParts::open(&file(name)).unwrap();
+            let last = parts.last().unwrap().map(|record| record.frame.sequence);
+            (parts.last_sequence().unwrap(), last)
+        };
+        assert_eq!(last("m1.tactus"), (4, Some(4)));
+        assert_eq!(last("m1_p3.tactus"), (4, None), "this part alone");
+        std::fs::remove_file(file("m1_p2.tactus")).unwrap();
+        assert_eq!(last("m1.tactus"), (2, Some(2)));
     }
 }
