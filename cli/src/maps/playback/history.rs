@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use imaging::quantities::{STORED_S, joined, keep_newest_unit, stored};
+use imaging::quantities::{QuantityRow, STORED_S, joined, keep_newest_unit, stored};
 use logbook::SessionSummary;
 use web::History;
 
@@ -46,9 +46,7 @@ pub(super) fn history(
     }
     rows.sort_by_key(|row| row.begin_s);
     let other_unit = keep_newest_unit(&mut rows);
-    let minutes = (to_s - from_s).unsigned_abs() / u64::from(STORED_S) + 1;
-    let joins = u32::try_from(minutes.div_ceil(u64::from(spans.max(1)))).unwrap_or(u32::MAX);
-    let span_s = STORED_S.saturating_mul(joins);
+    let span_s = span_s((from_s, to_s), spans);
     Ok(History {
         rows: joined(&rows, span_s),
         span_s,
@@ -58,10 +56,24 @@ pub(super) fn history(
     })
 }
 
+/// Length of the spans, s, such that there are at most so many from the first to the last of these rows of [`STORED_S`], which
+/// need not be in the order of time: the clock may have been set back between them.
+pub(super) fn span_of(rows: &[QuantityRow], spans: u32) -> u32 {
+    let begins = rows.iter().map(|row| row.begin_s);
+    let ends = begins.clone().min().zip(begins.max());
+    span_s(ends.unwrap_or_default(), spans)
+}
+
+fn span_s((from_s, to_s): (i64, i64), spans: u32) -> u32 {
+    let minutes = (to_s - from_s).unsigned_abs() / u64::from(STORED_S) + 1;
+    let joins = u32::try_from(minutes.div_ceil(u64::from(spans.max(1)))).unwrap_or(u32::MAX);
+    STORED_S.saturating_mul(joins)
+}
+
 #[cfg(test)]
 mod tests {
     use chrono::DateTime;
-    use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
+    use imaging::quantities::{LoadUnit, Quantity, store};
     use logbook::SessionKind;
 
     use super::*;
@@ -178,5 +190,20 @@ mod tests {
         assert_eq!((found[0].2, found[1].2), (20.0, 60.0), "{found:?}");
         assert_eq!(found.len(), 2);
         assert!(rows(&history(&all, year, "toe", 720).unwrap()).is_empty());
+    }
+
+    #[test]
+    fn spans_hold_all_rows_where_the_clock_was_set_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let loads = [1.0];
+        for minute in [0, 1439, 1] {
+            let begin = (BEGIN_S + 60 * minute, LoadUnit::Pressure);
+            session(folder.path(), ("m1", "hip"), begin, &loads);
+        }
+        let (rows, _) = stored(folder.path(), "m1").unwrap().unwrap();
+        assert_eq!(rows.last().unwrap().begin_s, BEGIN_S + 60);
+        assert_eq!(span_of(&rows, 720), 120);
+        assert_eq!(span_of(&rows, 1440), 60);
+        assert_eq!(span_of(&[], 720), 60);
     }
 }

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use chrono::DateTime;
 use eit::Pressure;
 use imaging::quantities::{
-    FrameQuantities, LoadUnit, Quantifier, Quantity, RegionSettings, STORED_S, joined,
+    FrameQuantities, LoadUnit, Quantifier, Quantity, RegionSettings, joined,
 };
 use imaging::recorded::{Origin, RecordedFrame, Recording};
 use imaging::{Method, MethodArguments, TrackedFrame};
@@ -16,6 +16,7 @@ use survey::{Map, Reading};
 use web::{Course, DEVIATION, EventState, MapKind, Overview, Place, Playback, PlayedMap};
 
 use super::followed::Followed;
+use super::history::span_of;
 use crate::args::MapOptions;
 use crate::failure::Failure;
 use crate::maps::compared::Compared;
@@ -248,11 +249,7 @@ impl Playback for PlayedSession {
     fn course(&self, spans: u32) -> Result<Course, String> {
         let known = self.followed.known();
         let (rows, source) = known.rows();
-        let ends = rows.first().zip(rows.last());
-        let length_s = ends.map_or(0, |(first, last)| last.begin_s - first.begin_s);
-        let minutes = length_s.unsigned_abs() / u64::from(STORED_S) + 1;
-        let joins = u32::try_from(minutes.div_ceil(u64::from(spans.max(1)))).unwrap_or(u32::MAX);
-        let span_s = STORED_S.saturating_mul(joins);
+        let span_s = span_of(rows, spans);
         Ok(Course {
             progress: known.progress(),
             failed: known.failed().map(str::to_owned),
