@@ -14,8 +14,6 @@ pub(crate) type ShownMap = (Map, Option<Pressure>);
 
 /// A frame, its baseline, and what is known of it.
 pub(crate) struct Compared<'a> {
-    /// Time of the frame, s of the Unix epoch; `None` if unknown.
-    at_s: Option<f64>,
     baseline: &'a [Reading],
     /// The baseline without what the tracked one lacks: the deviation has that as an error, and one sheet is fitted for all frames of a load.
     tracked_baseline: &'a [Reading],
@@ -36,17 +34,11 @@ impl<'a> Compared<'a> {
             None => (own, own, &recorded.readings),
         };
         Self {
-            at_s: recorded.time_s(None),
             baseline,
             tracked_baseline,
             readings,
             tracked: followed.map(|frame| &frame.tracked),
         }
-    }
-
-    /// With another time of the frame, s; `None` if unknown.
-    pub(crate) fn at(self, at_s: Option<f64>) -> Self {
-        Self { at_s, ..self }
     }
 
     /// The map.
@@ -65,7 +57,8 @@ impl<'a> Compared<'a> {
         reconstruction.map_deviation(self.tracked_baseline, self.readings)
     }
 
-    /// The quantities and the map; a frame without a map has no quantities, and the reason.
+    /// The quantities and the map; a frame without a map has no quantities, and the reason. `at_s`: time of the frame, s of the
+    /// Unix epoch; `None` if unknown.
     ///
     /// # Errors
     /// The calibration that was named refuses the map.
@@ -73,13 +66,14 @@ impl<'a> Compared<'a> {
         &self,
         reconstruction: &Reconstruction,
         quantifier: &mut Quantifier,
+        at_s: Option<f64>,
     ) -> Result<(FrameQuantities, Option<ShownMap>), Failure> {
         let map = match self.map(reconstruction) {
             Ok(map) => map,
             Err(refused) => {
                 let without = FrameQuantities {
                     reason: Some(refused.to_string()),
-                    ..quantifier.take(self.at_s, None)
+                    ..quantifier.take(at_s, None)
                 };
                 return Ok((without, None));
             }
@@ -95,7 +89,7 @@ impl<'a> Compared<'a> {
                 readings: self.readings,
             }),
         };
-        let quantities = quantifier.take(self.at_s, Some(&judged));
+        let quantities = quantifier.take(at_s, Some(&judged));
         Ok((quantities, Some((map, pressure))))
     }
 }

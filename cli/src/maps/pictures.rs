@@ -71,8 +71,7 @@ impl<'a> Pictures<'a> {
             tracked: made.tracked.as_ref(),
             compared: None,
         };
-        let at_s = frame.at_s();
-        let quantities = self.quantifier.take(at_s, Some(&judged));
+        let quantities = self.quantifier.take(frame.time_s(None), Some(&judged));
         let calibrated = made
             .pressure
             .as_ref()

@@ -189,12 +189,12 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
                 None => None,
             };
             let compared = Compared::new(&recording, &frame, followed.as_ref());
-            let (quantities, _) = compared.quantities(reconstruction, &mut quantifier)?;
-            let at_s = frame.at_s();
-            let ended = rows.take(at_s, &quantities);
+            let at_s = frame.time_s(None);
+            let (quantities, _) = compared.quantities(reconstruction, &mut quantifier, at_s)?;
+            let ended = at_s.map(|at_s| rows.take(at_s, &quantities));
             let mut known = shared.known();
             if !is_stored {
-                known.rows.extend(ended);
+                known.rows.extend(ended.unwrap_or_default());
             }
             is_due |= index.is_multiple_of(unrelieved_every);
             if is_due && unusable(&quantities).is_none() {
@@ -202,13 +202,14 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
                 known.unrelieved.push((frame.sequence, values.collect()));
                 is_due = false;
             }
-            if every > 1 && last_s.is_some_and(|last_s| at_s - last_s > hold_s) {
+            let step_s = at_s.zip(last_s).map(|(at_s, last_s)| at_s - last_s);
+            if every > 1 && step_s.is_some_and(|step_s| step_s > hold_s) {
                 known.no_unrelieved = Some(format!(
                     "time without relief is not known: of this long session only every {every}th frame is used, and \
                      these are more than {hold_s} s apart"
                 ));
             }
-            last_s = Some(at_s);
+            last_s = at_s;
         } else if let Some(follower) = &mut follower {
             follower.pass(&frame)?;
         }

@@ -172,7 +172,8 @@ impl PlayedSession {
         }
         // its course begins anew with each frame
         let mut quantifier = exact.quantifier.clone();
-        let (quantities, made) = compared.quantities(&exact.reconstruction, &mut quantifier)?;
+        let (quantities, made) =
+            compared.quantities(&exact.reconstruction, &mut quantifier, frame.time_s(None))?;
         let Some((map, pressure)) = made else {
             let why = quantities.reason.unwrap_or_default();
             return Err(Failure::Failed(format!("frame {}: {why}", frame.sequence)));

@@ -80,9 +80,9 @@ pub(crate) fn run(
             Some(follower) => Some(follower.follow(&recorded)?),
             None => None,
         };
+        let compared = Compared::new(&recording, &recorded, followed.as_ref());
         let at_s = recorded.time_s(requested.asked.tracked.period_s);
-        let compared = Compared::new(&recording, &recorded, followed.as_ref()).at(at_s);
-        let (frame, _) = compared.quantities(&reconstruction, &mut quantifier)?;
+        let (frame, _) = compared.quantities(&reconstruction, &mut quantifier, at_s)?;
         usable.take(&recorded, &frame);
         progress.suspend(|| output.take(&recorded, frame, printer))?;
         progress.inc(1);

@@ -60,8 +60,8 @@ struct Search<'a> {
 impl Search<'_> {
     fn holds(&self, frame: &RecordedFrame, span_s: u32) -> bool {
         let end = self.row.begin_s + i64::from(span_s);
-        let at = frame.at_s();
-        (self.row.begin_s as f64..end as f64).contains(&at)
+        let span = self.row.begin_s as f64..end as f64;
+        frame.time_s(None).is_some_and(|at_s| span.contains(&at_s))
     }
 }
 

@@ -95,12 +95,12 @@ impl SessionRows {
                 }
                 continue;
             }
+            let at_s = frame.time_s(None);
             let followed = follower.as_mut().map(|follower| follower.follow(&frame));
             let computed = followed.transpose().and_then(|followed| {
                 let compared = Compared::new(recording, &frame, followed.as_ref());
-                compared.quantities(reconstruction, &mut quantifier)
+                compared.quantities(reconstruction, &mut quantifier, at_s)
             });
-            let at_s = frame.at_s();
             let (quantities, map) = match computed {
                 Ok(computed) => computed,
                 // a frame that cannot be followed, or whose map the calibration refuses; one without a map is `Ok` with `None`
@@ -114,7 +114,8 @@ impl SessionRows {
                 Err(other) => return Err(other),
             };
             usable.take(&frame, &quantities);
-            rows.extend(collected.take(at_s, &quantities));
+            let ended = at_s.map(|at_s| collected.take(at_s, &quantities));
+            rows.extend(ended.unwrap_or_default());
             match map {
                 Some(_) => used += 1,
                 None => without += 1,

@@ -36,10 +36,6 @@ impl RecordedFrame {
         self.wall.map(seconds).or_else(counted)
     }
 
-    /// Its time, s of the Unix epoch; its number where it has no time.
-    pub fn at_s(&self) -> f64 {
-        self.wall.map_or(self.sequence as f64, seconds)
-    }
 }
 
 /// Origin of a recording, which also determines its mesh.
