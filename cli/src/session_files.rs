@@ -111,11 +111,7 @@ pub(crate) fn listing(
         Err(_) if !place.exists() => Ok(None),
         Err(error) if places.len() == 1 => Err(error.into()),
         Err(error) => {
-            report(&format!(
-                "tactus: {} is left out: {}",
-                place.display(),
-                chain(&error)
-            ));
+            report(&left_out(place, &error));
             Ok(None)
         }
     }
@@ -124,19 +120,26 @@ pub(crate) fn listing(
 /// Reports the files of a directory that look like sessions and cannot be read.
 pub(crate) fn report_unreadable(listing: &Listing) {
     for unreadable in &listing.unreadable {
-        complain(&format!(
-            "tactus: {} is left out: {}",
-            printable(&unreadable.path.to_string_lossy()),
-            chain(&unreadable.why)
-        ));
+        report(&left_out(&unreadable.path, &unreadable.why));
     }
+}
+
+/// Reports to the terminal what is left out of a list, a sentence of [`left_out`].
+pub(crate) fn report(left_out: &str) {
+    complain(&format!("tactus: {left_out}"));
+}
+
+/// Why the sessions of a folder or file are not in a list.
+pub(crate) fn left_out(path: &Path, why: &LogbookError) -> String {
+    let path = path.to_string_lossy();
+    format!("{} is left out: {}", printable(&path), chain(why))
 }
 
 /// The file of the session that was started last, over all directories.
 fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
     let mut all = Vec::new();
     for place in places {
-        let Some(listing) = listing(places, place, complain)? else {
+        let Some(listing) = listing(places, place, report)? else {
             continue;
         };
         // one of these may be the last

@@ -32,7 +32,9 @@ async function begin() {
   try {
     const colours = await (await ask("/api/colours")).json();
     for (const sheet of [map, other, difference]) sheet.colours = colours;
-    const sessions = await (await ask("/api/sessions")).json();
+    const { sessions, left_out: leftOut } = await (await ask("/api/sessions")).json();
+    byId("left-out").hidden = !leftOut.length;
+    byId("left-out").textContent = leftOut.length ? `Not in the list: ${leftOut.join("; ")}` : "";
     byId("sessions").replaceChildren(...sessions.map(entry => {
       const option = document.createElement("option");
       option.value = entry.id;

@@ -160,7 +160,7 @@ mod tests {
     use crate::running::ProvisionalMap;
     use crate::snapshot::{FrameState, SessionState};
     use crate::tests::{code, served_from};
-    use crate::{Playback, SessionEntry};
+    use crate::{Playback, SessionList};
     use std::sync::atomic::{AtomicU64, Ordering};
 
     /// A session with a slow method; its maps have the first reading as their value.
@@ -191,8 +191,8 @@ mod tests {
     }
 
     impl Recordings for Slow {
-        fn list(&self) -> Result<Vec<SessionEntry>, String> {
-            Ok(Vec::new())
+        fn list(&self) -> Result<SessionList, String> {
+            Ok(SessionList::default())
         }
 
         fn open(&self, _: &str) -> Result<Option<Arc<dyn Playback>>, String> {

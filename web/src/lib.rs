@@ -37,6 +37,7 @@ pub use guard::{HostName, HostNameError};
 pub use live::follow;
 pub use playback::{
     Course, History, MapKind, Overview, Place, Playback, PlayedMap, Recordings, SessionEntry,
+    SessionList,
 };
 pub use running::{DEVIATION, ProvisionalMap, RunningModel};
 pub use sheets::Sheets;

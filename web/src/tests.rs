@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use crate::snapshot::{FrameState, SessionState};
-use crate::{Control, HostName, Live, Playback, Recordings, Server, SessionEntry, Settings, Token};
+use crate::{Control, HostName, Live, Playback, Recordings, Server, SessionList, Settings, Token};
 
 pub(crate) struct Served {
     port: u16,
@@ -31,8 +31,8 @@ async fn served_with(control: Option<Control>) -> Served {
 pub(crate) struct NoRecordings;
 
 impl Recordings for NoRecordings {
-    fn list(&self) -> Result<Vec<SessionEntry>, String> {
-        Ok(Vec::new())
+    fn list(&self) -> Result<SessionList, String> {
+        Ok(SessionList::default())
     }
 
     fn open(&self, _: &str) -> Result<Option<Arc<dyn Playback>>, String> {

@@ -8,9 +8,9 @@ use serde::Serialize;
 
 use crate::args::{Global, Sessions};
 use crate::failure::Failure;
+use crate::output::Printer;
 use crate::output::table::columns;
 use crate::output::time::{local, utc};
-use crate::output::{Printer, complain};
 use crate::session_files;
 
 /// A line of `sessions --json`; see `docs/reference/json.md`.
@@ -111,7 +111,7 @@ fn list(
     let places = session_files::directories(global)?;
     let mut sessions = Vec::new();
     for place in &places {
-        let Some(listing) = session_files::listing(&places, place, complain)? else {
+        let Some(listing) = session_files::listing(&places, place, session_files::report)? else {
             continue;
         };
         session_files::report_unreadable(&listing);

@@ -49,6 +49,8 @@ fn a_session_is_played_in_a_browser() {
     ask(&stage, &["stop"]);
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 
+    std::fs::write(stage.path().join("state/x.tactus"), "not a session").expect("written");
+
     // no daemon is needed
     browser.value("document.querySelector('nav a').click(), 0");
     browser
@@ -57,6 +59,9 @@ fn a_session_is_played_in_a_browser() {
         browser.value("session.simulated && !byId('simulated').hidden"),
         true
     );
+    let left_out = browser.value("byId('left-out').hidden || byId('left-out').textContent");
+    let left_out = left_out.as_str().expect("it is shown");
+    assert!(left_out.contains("x.tactus is left out"), "{left_out}");
     let frames = ask(&stage, &["quantities", "last", "--each-frame"]);
     let of = |sequence: u64| -> &Value {
         let frame = frames.iter().find(|frame| frame["frame"] == sequence);

@@ -102,15 +102,15 @@ mod tests {
 
     use super::*;
     use crate::tests::served_from;
-    use crate::{Playback, SessionEntry};
+    use crate::{Playback, SessionList};
 
     /// Returns one row of load per request, and counts the requests.
     #[derive(Default)]
     struct Counted(AtomicU64);
 
     impl Recordings for Counted {
-        fn list(&self) -> Result<Vec<SessionEntry>, String> {
-            Ok(Vec::new())
+        fn list(&self) -> Result<SessionList, String> {
+            Ok(SessionList::default())
         }
 
         fn open(&self, _: &str) -> Result<Option<Arc<dyn Playback>>, String> {

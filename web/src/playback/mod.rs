@@ -18,11 +18,11 @@ use crate::sheets::Sheets;
 
 /// The recorded sessions.
 pub trait Recordings: Send + Sync {
-    /// All sessions, the newest first.
+    /// All sessions.
     ///
     /// # Errors
     /// A sentence: the folder cannot be read.
-    fn list(&self) -> Result<Vec<SessionEntry>, String>;
+    fn list(&self) -> Result<SessionList, String>;
 
     /// Opens a session of the list by its id; `None` if the list has none of this id, which is never taken for a path.
     ///
@@ -75,6 +75,15 @@ pub trait Playback: Send + Sync {
     /// # Errors
     /// A sentence: the frame cannot be read or has no map, or the baseline was not followed so far yet.
     fn map(&self, place: Place, kind: MapKind) -> Result<PlayedMap, String>;
+}
+
+/// `/api/sessions`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct SessionList {
+    /// The newest first.
+    pub sessions: Vec<SessionEntry>,
+    /// Files and folders that cannot be read, a sentence each: their sessions are not in the list.
+    pub left_out: Vec<String>,
 }
 
 /// A line of the list of sessions.

@@ -6,6 +6,7 @@ use render::Sheet;
 
 use super::{
     Course, MapKind, Overview, Place, Playback, PlayedMap, Recordings, RegionShape, SessionEntry,
+    SessionList,
 };
 use crate::tests::{code, served_from};
 
@@ -16,7 +17,7 @@ struct Shelf {
 }
 
 impl Recordings for Shelf {
-    fn list(&self) -> Result<Vec<SessionEntry>, String> {
+    fn list(&self) -> Result<SessionList, String> {
         let entry = |id: &str| SessionEntry {
             id: id.to_owned(),
             started_ms: 1000,
@@ -26,7 +27,10 @@ impl Recordings for Shelf {
             closed: true,
             note: "a \"note\"".to_owned(),
         };
-        Ok(["m1", "m2", "m3"].map(entry).to_vec())
+        Ok(SessionList {
+            sessions: ["m1", "m2", "m3"].map(entry).to_vec(),
+            left_out: vec!["m4.tactus is left out: it is empty".to_owned()],
+        })
     }
 
     fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String> {
@@ -109,6 +113,8 @@ async fn sessions_are_listed_opened_and_kept() {
         list.contains(r#""id":"m2","started_ms":1000,"last_ms":3000,"frames":3"#),
         "{list}"
     );
+    let left_out = r#""left_out":["m4.tactus is left out: it is empty"]"#;
+    assert!(list.contains(left_out), "{list}");
     let one = served.get("/api/sessions/m1").await;
     for part in [
         r#""nodes":[0.0,0.0,100.0,0.0,0.0,100.0]"#,

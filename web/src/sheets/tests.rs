@@ -3,7 +3,7 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::Sheets;
-use crate::playback::{Playback, Recordings, SessionEntry};
+use crate::playback::{Playback, Recordings, SessionList};
 use crate::tests::{code, served_from};
 
 /// An archive of one machine, or one that cannot be reached.
@@ -26,8 +26,8 @@ impl Sheets for Archive {
 }
 
 impl Recordings for Archive {
-    fn list(&self) -> Result<Vec<SessionEntry>, String> {
-        Ok(Vec::new())
+    fn list(&self) -> Result<SessionList, String> {
+        Ok(SessionList::default())
     }
 
     fn open(&self, _: &str) -> Result<Option<Arc<dyn Playback>>, String> {

@@ -7,16 +7,14 @@ mod history;
 mod running;
 mod session;
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use logbook::{SessionKind, SessionSummary};
-use web::{History, Playback, Recordings, RunningModel, SessionEntry};
+use web::{History, Playback, Recordings, RunningModel, SessionEntry, SessionList};
 
 use crate::args::{Global, Web};
 use crate::failure::Failure;
-use crate::output::complain;
 use crate::session_files;
 use running::RunningSession;
 use session::{Kept, PlayedSession};
@@ -28,8 +26,8 @@ pub(crate) struct RecordedSessions {
     archive: Option<Arc<archived::ArchivedSheets>>,
     /// Directories that were found once: that of the daemon cannot be asked for while it does not run.
     places: Mutex<Vec<PathBuf>>,
-    /// Directories that could not be read, which was reported.
-    unreadable: Mutex<BTreeSet<PathBuf>>,
+    /// What was left out of the list before, which was reported.
+    reported: Mutex<Vec<String>>,
 }
 
 impl RecordedSessions {
@@ -48,7 +46,7 @@ impl RecordedSessions {
                 false => None,
             },
             places: Mutex::new(session_files::directories(global)?),
-            unreadable: Mutex::default(),
+            reported: Mutex::default(),
         })
     }
 
@@ -61,46 +59,63 @@ impl RecordedSessions {
         Ok(places.clone())
     }
 
-    /// First parts of all measurements, the newest first; a folder that cannot be read is left out, and an error if it is the
-    /// only one.
-    fn summaries(&self) -> Result<Vec<SessionSummary>, String> {
+    /// Parts of all measurements, the newest first; what cannot be read is left out, and a folder is an error if it is the only
+    /// one.
+    fn found(&self) -> Result<FoundSessions, String> {
         let places = self.places()?;
-        let unreadable = self.unreadable.lock();
-        let mut unreadable = unreadable.unwrap_or_else(PoisonError::into_inner);
-        let mut sessions: Vec<SessionSummary> = Vec::new();
+        let mut found = FoundSessions::default();
         for place in &places {
-            // once: the page asks for the sessions again and again
-            let report = |text: &str| {
-                if unreadable.insert(place.clone()) {
-                    complain(text);
-                }
-            };
+            let report = |text: &str| found.left_out.push(text.to_owned());
             let listing = session_files::listing(&places, place, report);
-            let listing = listing.map_err(|why| why.to_string())?;
-            if listing.is_some() {
-                unreadable.remove(place);
-            }
-            sessions.extend(listing.into_iter().flat_map(|listing| listing.sessions));
+            let Some(listing) = listing.map_err(|why| why.to_string())? else {
+                continue;
+            };
+            let unreadable = listing.unreadable.iter();
+            let unreadable = unreadable.map(|file| session_files::left_out(&file.path, &file.why));
+            found.left_out.extend(unreadable);
+            found.sessions.extend(listing.sessions);
         }
+        // once: the page asks for the sessions again and again
+        let mut reported = self.reported.lock().unwrap_or_else(PoisonError::into_inner);
+        for text in &found.left_out {
+            if !reported.contains(text) {
+                session_files::report(text);
+            }
+        }
+        reported.clone_from(&found.left_out);
+        let sessions = &mut found.sessions;
         sessions.retain(|session| session.kind == SessionKind::Measurement && session.frames > 0);
         sessions.sort_by(|a, b| (b.started, &b.id).cmp(&(a.started, &a.id)));
-        Ok(sessions)
+        Ok(found)
     }
+}
+
+/// What the directories hold.
+#[derive(Default)]
+struct FoundSessions {
+    sessions: Vec<SessionSummary>,
+    /// Why files and folders are left out.
+    left_out: Vec<String>,
 }
 
 impl RecordedSessions {
     /// The first part of a session, or the earliest that is still there.
     fn first_part(&self, id: &str) -> Result<Option<PathBuf>, String> {
-        let summaries = self.summaries()?;
-        let part = summaries.iter().rev().find(|part| part.session() == id);
+        let found = self.found()?;
+        let part = found
+            .sessions
+            .iter()
+            .rev()
+            .find(|part| part.session() == id);
         Ok(part.map(|part| part.path.clone()))
     }
 }
 
 impl Recordings for RecordedSessions {
-    fn list(&self) -> Result<Vec<SessionEntry>, String> {
+    fn list(&self) -> Result<SessionList, String> {
+        let FoundSessions { sessions, left_out } = self.found()?;
         let mut entries: Vec<SessionEntry> = Vec::new();
-        for part in self.summaries()? {
+        for part in sessions {
             let id = part.session();
             let last_ms = part.last.map(|last| last.timestamp_millis());
             // the newest part comes first
@@ -120,7 +135,10 @@ impl Recordings for RecordedSessions {
                 }),
             }
         }
-        Ok(entries)
+        Ok(SessionList {
+            sessions: entries,
+            left_out,
+        })
     }
 
     #[cfg(feature = "archive")]
@@ -159,6 +177,35 @@ impl Recordings for RecordedSessions {
     }
 
     fn history(&self, from_s: i64, to_s: i64, region: &str, spans: u32) -> Result<History, String> {
-        history::history(&self.summaries()?, (from_s, to_s), region, spans)
+        history::history(&self.found()?.sessions, (from_s, to_s), region, spans)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::args::Arguments;
+
+    #[test]
+    fn files_that_cannot_be_read_are_named_beside_the_list() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("x.tactus");
+        std::fs::write(&file, "not a session").unwrap();
+        let state = folder.path().to_str().unwrap();
+        let Arguments { global, .. } = Arguments::parse_from(["tactus", "--state", state, "web"]);
+        let recorded = RecordedSessions::new(&global, &Web::default()).unwrap();
+        let listed = recorded.list().unwrap();
+        assert!(listed.sessions.is_empty());
+        let [left_out] = listed.left_out.as_slice() else {
+            panic!("{listed:?}");
+        };
+        assert!(left_out.contains("x.tactus is left out: "), "{left_out}");
+        // it was reported, and is again after it could be read
+        assert_eq!(*recorded.reported.lock().unwrap(), listed.left_out);
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(recorded.list().unwrap(), SessionList::default());
+        assert!(recorded.reported.lock().unwrap().is_empty());
     }
 }
