@@ -16,6 +16,8 @@ const CHARTED = [
   ["known", "Known to be true, share of frames", "", ""],
   ["frames", "Frames a minute", "1/min", "1/min"],
 ];
+// rows are stored of the frames that get a map: with map_every, not of all
+const STORED_FRAMES = "Frames a minute that get a map";
 const FIRST_CHARTS = ["load", "contact", "ppi", "unrelieved", "known"];
 const CHOICE = "tactus-charts";
 
@@ -67,7 +69,10 @@ class StripChart {
 class Charts {
   constructor(parts) {
     Object.assign(this, parts);
+    // those with a map
     this.frames = [];
+    // all, with or without a map
+    this.arrived = [];
     // whether the newest values are pressures
     this.pressure = false;
     this.drawn = [];
@@ -109,6 +114,32 @@ class Charts {
     if (long) this.refresh(); else this.draw(true);
   }
 
+  // a frame with or without a map. States that replace each other leave frames out: their numbers count them
+  count(session, { sequence, wall_ms }) {
+    const last = this.arrived[this.arrived.length - 1];
+    const same = last && last.session === session;
+    // the map of a frame that later ones overtook
+    if (same && sequence <= last.sequence) return;
+    if (last && wall_ms < last.wall_ms) this.arrived = [];
+    this.arrived.push({ session, sequence, wall_ms, number: same ? last.number + sequence - last.sequence : (last ? last.number : 0) + 1 });
+    this.dropOld(this.arrived);
+    if (!this.hours()) this.draw(false);
+  }
+
+  // for each of these frames the number of frames in the minute up to it
+  perMinute() {
+    let first = 0;
+    return this.arrived.map(({ wall_ms, number }) => {
+      while (this.arrived[first].wall_ms < wall_ms - 60000) first += 1;
+      return { timeMs: wall_ms, value: number - this.arrived[first].number + 1 };
+    });
+  }
+
+  dropOld(frames) {
+    const gone = frames.findIndex(of => of.wall_ms >= frames[frames.length - 1].wall_ms - LIVE_MS);
+    frames.splice(0, Math.max(gone, frames.length - LIVE_FRAMES));
+  }
+
   // a frame with its map
   add(frame) {
     const { quantities, wall_ms } = frame;
@@ -119,8 +150,7 @@ class Charts {
     const pressure = quantities ? quantities.unit === "pressure" : null;
     this.pressure = pressure ?? this.pressure;
     this.frames.push({ wall_ms, values, pressure });
-    const gone = this.frames.findIndex(of => of.wall_ms >= wall_ms - LIVE_MS);
-    this.frames.splice(0, Math.max(gone, this.frames.length - LIVE_FRAMES));
+    this.dropOld(this.frames);
     if (quantities) this.setRegions(quantities.regions.map(region => region.name));
     if (!this.hours()) this.draw(false);
   }
@@ -129,19 +159,14 @@ class Charts {
     if (this.hours()) return this.drawStored();
     if (!now && performance.now() - this.lastDraw < LIVE_DRAW_MS) return;
     this.lastDraw = performance.now();
-    const last = this.frames[this.frames.length - 1];
-    const to = last ? last.wall_ms : Date.now();
-    let first = 0;
-    const counted = this.frames.map((frame, index) => {
-      while (this.frames[first].wall_ms < frame.wall_ms - 60000) first += 1;
-      return index - first + 1;
-    });
+    const newest = [this.frames, this.arrived].filter(frames => frames.length).map(frames => frames[frames.length - 1].wall_ms);
+    const to = newest.length ? Math.max(...newest) : Date.now();
     const region = this.region.value || "sheet";
     // values in another unit cannot stand on the same curve
     const ofUnit = this.frames.filter(frame => frame.pressure === null || frame.pressure === this.pressure);
     for (const { charted: [name, , calibrated, plain], chart } of this.drawn) {
       const points = name === "frames"
-        ? this.frames.map((frame, index) => ({ timeMs: frame.wall_ms, value: counted[index] }))
+        ? this.perMinute()
         : ofUnit.map(frame => ({ timeMs: frame.wall_ms, value: (frame.values.get(region) || {})[name] ?? null }));
       chart.draw(points, this.pressure ? calibrated : plain, to - LIVE_MS, to);
     }
@@ -178,7 +203,7 @@ class Charts {
     for (const { charted: [name, words, calibrated, plain], chart } of this.drawn) {
       const minutes = stored.span_s / 60;
       const rows = name === "frames" ? known.map(row => ({ ...row, min: row.frames / minutes, mean: row.frames / minutes, max: row.frames / minutes })) : of(name);
-      chart.setRows(words, rows.length && rows[0].of === "pressure" ? calibrated : plain, rows, unknown, spanMs, []);
+      chart.setRows(name === "frames" ? STORED_FRAMES : words, rows.length && rows[0].of === "pressure" ? calibrated : plain, rows, unknown, spanMs, []);
       chart.draw(stored.from_ms, stored.to_ms, newest, null);
     }
     this.time.draw(stored.from_ms, stored.to_ms);

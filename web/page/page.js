@@ -82,6 +82,7 @@ function show(state) {
   if (state.session && map.values && shownSession !== state.session.id) clearMap();
   if (state.frame) {
     if (state.frame.map) showMap(state);
+    charts.count(sessionOf(state), state.frame);
     if (state.frame.map && !state.frame.provisional) charts.add(state.frame);
     showVerdict(state.frame);
   }

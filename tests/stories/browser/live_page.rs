@@ -149,6 +149,7 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     let pictures = Path::new(env!("CARGO_TARGET_TMPDIR"));
     browser.screenshot(&pictures.join("live-page.png"));
     live_values_have_one_unit(&browser);
+    live_frames_without_a_map_are_counted(&browser);
 
     ask(&stage, &["stop"]);
     let frames = ask(&stage, &["quantities", "last", "--each-frame"]);
@@ -210,6 +211,21 @@ fn live_values_have_one_unit(browser: &Browser) {
     ] {
         assert!(shown.contains(words), "{words} in {shown}");
     }
+}
+
+/// Of the frames of `m1` the page sees the numbers 1, 2 and 5, then the map of 3, which those overtook.
+fn live_frames_without_a_map_are_counted(browser: &Browser) {
+    let counted = browser.value(
+        "(() => { const usual = charts.arrived; charts.arrived = []; \
+         const frame = (session, sequence, second) => charts.count(session, { sequence, wall_ms: 1000 * second }); \
+         frame('m1', 1, 1); frame('m1', 2, 2); frame('m1', 5, 5); frame('m1', 3, 3); frame('m2', 1, 6); frame('m2', 2, 64); \
+         const counted = charts.perMinute().map(point => [point.timeMs / 1000, point.value]); \
+         charts.arrived = usual; return counted; })()",
+    );
+    // the minute up to the last one begins at second 4
+    let expected = serde_json::json!([[1, 1], [2, 2], [5, 5], [6, 6], [64, 3]]);
+    assert_eq!(counted, expected);
+    browser.until("charts.arrived.some(frame => frame.session === latest.session.id)");
 }
 
 /// The charts of an hour have the rows of `tactus quantities`.
