@@ -298,7 +298,7 @@ mod tests {
             "{text}"
         );
         assert!(
-            text.contains("neighbouring pairs, of two readings"),
+            text.contains("neighbouring pairs, one of each two"),
             "{text}"
         );
     }

@@ -242,7 +242,7 @@ mod tests {
         let text = for_a_person(&status);
         assert!(
             text.contains(
-                "reconnecting, 3 tries so far, the next in 1.6 s: the connection to 6221"
+                "reconnecting, 3 attempts so far, the next in 1.6 s: the connection to 6221"
             ),
             "{text}"
         );

@@ -81,7 +81,7 @@ fn what_is_wrong_is_named_with_its_place() {
         ),
         (
             "[[fault]]\nat_s = 1\nfor_s = 2\nwhat = \"drop 6221\"",
-            "p.toml:4:8: 'drop 6221' is no fault: it passes by itself",
+            "p.toml:4:8: 'drop 6221' is not a fault: it ends by itself",
         ),
     ] {
         let refusal = Profile::parse("p.toml", text).unwrap_err().to_string();
