@@ -260,7 +260,7 @@ fn a_report_that_cannot_be_written_leaves_nothing() {
     let message = of("full", &METHOD, 1);
     assert!(message.contains("full is not empty"), "{message}");
     let message = of("file", &METHOD, 1);
-    assert!(message.contains("file is no folder"), "{message}");
+    assert!(message.contains("file is not a folder"), "{message}");
     let message = of("no/out", &METHOD, 1);
     assert!(message.contains("no/out"), "{message}");
     // a wrong option is refused; a missing geometry would only leave out the maps

@@ -369,7 +369,7 @@ async fn reading_relay_counters_ends_no_fault() {
         .await
         .unwrap_err();
     assert!(
-        matches!(&refused, Fault::Failed(text) if text.contains("not there")),
+        matches!(&refused, Fault::Failed(text) if text.contains("cannot be reached")),
         "{refused:?}"
     );
     assert_eq!(daemon.manager.state().await.unwrap(), "faulted");

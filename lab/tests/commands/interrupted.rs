@@ -60,9 +60,9 @@ fn killed_training_on_full_disk_resumes_to_the_same_bits() {
     let blocks = u32::try_from(kept.len() / 1024 / 2).unwrap();
     let message = words_of(&with_little_space(blocks, TRAIN, &[&case, &broken]));
     for word in [
-        "going on",
+        "continuing from",
         "broken.checkpoint",
-        "make room",
+        "free space",
         "File too large",
     ] {
         assert!(message.contains(word), "{word}: {message}");
@@ -89,7 +89,7 @@ fn data_set_on_a_full_disk_continues_with_space() {
     // a shell counts in blocks of 512 or of 1024 bytes
     let blocks = u32::try_from(bytes.len() / 1024 * 3 / 4).unwrap();
     let message = words_of(&with_little_space(blocks, line, &[&case, &broken]));
-    for word in ["shard-0-of-1.part", "make room", "same command"] {
+    for word in ["shard-0-of-1.part", "free space", "same command"] {
         assert!(message.contains(word), "{word}: {message}");
     }
     let part = std::fs::metadata(broken.join("shard-0-of-1.part")).unwrap();

@@ -185,7 +185,7 @@ async fn a_scene_has_faults_beside_its_loads() {
     let refusal = SimulatedRig::new(&profile, scene).unwrap_err();
     let reported = refusal.to_string();
     assert!(
-        reported.starts_with("faulty.toml:4:8: 'overload of' is no fault"),
+        reported.starts_with("faulty.toml:4:8: 'overload of' is not a fault"),
         "{reported}"
     );
 }

@@ -77,7 +77,7 @@ fn a_deviation_from_a_golden_names_its_line() {
         ),
         (
             "instrument 6221\ncites x\n@ -1\n",
-            "a.golden:3: '-1' is no time",
+            "a.golden:3: '-1' is not a time",
         ),
         ("slot 9 34924A\n", "a.golden:1: there is no slot"),
         (

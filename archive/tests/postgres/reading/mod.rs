@@ -198,11 +198,11 @@ fn name_in_the_catalogue_leads_out_of_no_folder() {
     let reader = reader(&server, &site);
     for name in ["m1", "x"] {
         let text = fetched(&reader, name, &site).unwrap_err().to_string();
-        assert!(text.contains("is no name"), "{name}: {text}");
+        assert!(text.contains("is not the name"), "{name}: {text}");
     }
     assert!(!site.folder.path().join("cache").exists());
     let error = site.refused(&["verify"], 1);
-    assert!(error.contains("is no name"), "{error}");
+    assert!(error.contains("is not the name"), "{error}");
 }
 
 #[test]

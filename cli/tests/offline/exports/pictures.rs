@@ -91,7 +91,7 @@ fn instants_outside_of_the_session_are_refused() {
     let message = at("disk-full", "svg", 2);
     assert!(message.contains("of the kinds alarm-active"), "{message}");
     let message = at("Noon", "png", 2);
-    assert!(message.contains("no instant"), "{message}");
+    assert!(message.contains("not an instant"), "{message}");
     let message = at("9", "png", 2);
     assert!(message.contains("no frame 9"), "{message}");
     let message = at("2", "csv", 2);
