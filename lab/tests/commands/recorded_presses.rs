@@ -168,7 +168,7 @@ fn recorded_presses_that_cannot_be_used_are_named() {
         (
             // a valid label, and a frame number that is not whole
             format!("{metres}r4,0.02,0.03,0.01\n2.5,0.02,0.03,0.01\n"),
-            vec!["presses.csv:3", "frame 2.5 is not there"],
+            vec!["presses.csv:3", "frame 2.5 does not exist"],
         ),
         (
             format!("{metres}2,0.02,x,0.01\n"),
