@@ -63,7 +63,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let begun = clock();
     assessed.whitened.fit_disc(&model)?;
     println!("one disc          {:.0} ms", ms(clock() - begun));
-    // a load that is no disc: two of them
+    // a load that is not a disc: two discs
     let two = &disc + model.disc([0.14, 0.08], 0.04) * -0.5;
     let begun = clock();
     let drift = model.frame_drift(&two, &relative.rows)?;
@@ -88,7 +88,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut each = Vec::new();
     for k in 15..735 {
         let frame = frame();
-        // the processor's time is counted in steps that are longer than a frame
+        // processor time is counted in steps longer than a frame, so elapsed time is measured
         let begun = Instant::now();
         tracker.follow(&frame, 600.0 * f64::from(k))?;
         each.push(ms(begun.elapsed()));

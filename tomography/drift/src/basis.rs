@@ -1,6 +1,7 @@
 //! Coordinates in which noise and drift are both uncorrelated: R becomes the identity, D per day a diagonal.
 //!
-//! A sheet that drifts as a random walk is then 299 independent walks, so that covariances of any age need no factorisation.
+//! A sheet that drifts as a random walk then consists of 299 independent walks, so covariances of any age need no
+//! factorisation.
 
 use eit::linear_algebra::{Definite, Rounded, product, symmetric_eigen, times, view};
 use nalgebra::{DMatrix, DVector};
@@ -10,7 +11,7 @@ use crate::model::DriftModel;
 use crate::sizes::Sizes;
 use crate::whitened::{LoadTest, places_by_score};
 
-/// Growth of drift per square root of a day, at a pace of 1.
+/// Growth of the drift per square root of a day at pace 1.
 pub(crate) const PER_DAY: Sizes = Sizes {
     gain: 0.01,
     contact: 0.08,
@@ -18,12 +19,12 @@ pub(crate) const PER_DAY: Sizes = Sizes {
     local: 2e-3,
 };
 
-/// The coordinates, with the atoms of the load test in them.
+/// The transform to these coordinates, with the transformed atoms of the load test.
 pub(crate) struct Basis {
     transform: DMatrix<f32>,
     /// Variance per day in units of the noise.
     pub(crate) growth: DVector<f64>,
-    /// Variance of local change of standard deviation 1, without its correlations.
+    /// Variance of local change of standard deviation 1, without correlations between coordinates.
     pub(crate) local: DVector<f64>,
     atoms: Rounded,
     atoms_squared: Rounded,
@@ -61,18 +62,19 @@ impl Basis {
         })
     }
 
-    /// Data in these coordinates.
+    /// Transforms data to these coordinates.
     pub(crate) fn of(&self, data: &DVector<f64>) -> DVector<f64> {
         DVector::from_vec(times(&self.transform, data))
     }
 
-    /// Squares of the load test's discs at these variances.
+    /// Squared norms of the whitened load test discs at these variances.
     pub(crate) fn squares(&self, variances: &DVector<f64>) -> DVector<f64> {
         let weights = variances.map(|variance| 1.0 / variance);
         self.atoms_squared.transposed_times(&weights)
     }
 
-    /// The best discs for data with these variances, whose `squares` are those of [`Basis::squares`], best first.
+    /// The best discs for data with these variances, best first. `squares` is the result of [`Basis::squares`] for
+    /// them.
     pub(crate) fn load_tests(
         &self,
         model: &DriftModel,

@@ -1,7 +1,8 @@
-//! Which electrode a frame shows as faulty: shorted to its neighbour, open, floating, or shorted to a distant one.
+//! Detects the faulty electrode that a frame shows: shorted to its neighbour, open, floating, or shorted to a distant
+//! electrode.
 //!
-//! Judged on innovations (what changed since the tracked baseline), with local loads of 30 % allowed for, so that neither months
-//! of drift nor a load look like a contact.
+//! The tests use innovations (changes since the tracked baseline) and allow for local loads of 30 %, so that neither
+//! months of drift nor a load is taken for a contact fault.
 
 use std::sync::Arc;
 
@@ -13,17 +14,18 @@ use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Whitened, factor};
 
-/// Readings of a shorted pair, as a share of its baseline, are below this.
+/// A pair is shorted if its readings are below this share of the baseline.
 const SHORTED: f64 = 0.05;
-/// Standard deviation of local change that is allowed for.
+/// Standard deviation of the local change allowed for.
 const LOAD: f64 = 0.3;
-/// Standard deviation of ln contact before the test, and the estimate above which a contact is called risen.
+/// Prior standard deviation of ln contact impedance, and the estimate above which a contact counts as risen.
 const CONTACT_SD: f64 = 1.0;
 const RISEN: f64 = 1.0;
-/// Chi squared per row beyond which an electrode is looked for, and the share of it that may be left without the electrode.
+/// Chi squared per row above which a faulty electrode is searched for, and the largest share of it that may remain
+/// without the electrode.
 const UNEXPLAINED: f64 = 10.0;
 const LEFT: f64 = 0.05;
-/// Estimate beyond which the readings are no contact's: those of an open one saturate below.
+/// Estimate above which a contact change is not the cause: the estimates of open contacts saturate below it.
 const NO_CONTACT: f64 = 3.0;
 
 /// A fault of electrodes, counted from 0.
@@ -42,7 +44,7 @@ pub enum ElectrodeFault {
         /// The estimate of the change of ln impedance; it saturates near 2.
         by: f64,
     },
-    /// Its readings follow nothing: all others agree with the model without it.
+    /// The readings of the electrode are arbitrary: all other readings agree with the model.
     Floating {
         /// The electrode.
         electrode: usize,
@@ -65,7 +67,7 @@ impl ElectrodeFault {
     }
 }
 
-/// Covariance of innovations with loads allowed for, and the estimate of ln contact impedances from their usable rows.
+/// Covariance of innovations that allows for loads, and the estimator of ln contact impedances from its usable rows.
 #[derive(Debug)]
 pub struct Allowed {
     covariance: DMatrix<f64>,
@@ -100,34 +102,34 @@ impl Allowed {
         })
     }
 
-    /// The contact that rose most, by the data: its electrode and the change of ln impedance.
+    /// The electrode with the largest estimated rise of contact impedance, and the change of ln impedance.
     fn most_risen(&self, data: &DVector<f64>) -> (usize, f64) {
         (&self.estimate * data.select_rows(&self.rows)).argmax()
     }
 
-    /// Whether data are not explained by drift and loads, or only by a risen contact.
+    /// Whether drift and loads do not explain the data, or a contact is estimated as risen.
     fn shows_fault(&self, data: &DVector<f64>) -> bool {
         let white = Whitened::with(Arc::clone(&self.factor), data, &self.rows);
         white.chi_per_row() > UNEXPLAINED || self.most_risen(data).1 >= RISEN
     }
 }
 
-/// The tests, prepared for a sheet.
+/// The tests, prepared for one sheet.
 pub struct ElectrodeCheck {
-    /// Electrodes that each pair of readings uses.
+    /// Electrodes used by each pair of readings.
     uses: Vec<[usize; 4]>,
-    /// Change of the data by a connection of two electrodes, up to a factor; and the electrodes.
+    /// Change of the data caused by a connection of two electrodes, up to a factor; and these electrodes.
     shorts: DMatrix<f64>,
     of_short: Vec<[usize; 2]>,
-    /// Readings that drive or sense each electrode with the next one.
+    /// Readings that drive or sense between each electrode and the next one.
     between_neighbours: Vec<Vec<usize>>,
-    /// Number of the injection of each reading, and of injections.
+    /// Index of the injection of each reading, and the number of injections.
     injection_of: Vec<usize>,
     injections: usize,
 }
 
 impl ElectrodeCheck {
-    /// The tests for a sheet.
+    /// Prepares the tests for a sheet.
     pub fn new(model: &DriftModel) -> Self {
         let count = model.potentials.nrows();
         let questions = model.pairs().half().measurements();
@@ -135,7 +137,7 @@ impl ElectrodeCheck {
             .iter()
             .map(|q| q.electrodes().map(|electrode| electrode.0))
             .collect();
-        // column p: potentials for the current e -> e + 1; a sum of them for any pair
+        // column e: potentials for 1 A from electrode e to e + 1; sums of columns give any pair
         let between = |a: usize, b: usize| -> DVector<f64> {
             let mut out = DVector::zeros(count);
             let (low, high, sign) = if a < b { (a, b, 1.0) } else { (b, a, -1.0) };
@@ -188,13 +190,13 @@ impl ElectrodeCheck {
         }
     }
 
-    /// Rows that use none of these electrodes.
+    /// The rows that use none of these electrodes.
     pub fn without(&self, rows: &[usize], electrodes: &[usize]) -> Vec<usize> {
         let healthy = |row: &&usize| self.uses[**row].iter().all(|e| !electrodes.contains(e));
         rows.iter().filter(healthy).copied().collect()
     }
 
-    /// Prepares the test of innovations with this covariance (without load, V2), of which only `rows` count.
+    /// Prepares the test of innovations with this covariance (without load, V2), using only `rows`.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -207,8 +209,9 @@ impl ElectrodeCheck {
         Allowed::new(model, covariance + &model.local_gram * LOAD.powi(2), rows)
     }
 
-    /// The fault that a frame shows, if any, unless the sheet changed while the frame was measured: then the readings before or after
-    /// some injection show none. `data`: of the frame; `innovation`: the same minus the tracked baseline, V.
+    /// The fault that a frame shows, if any. Faults other than shorted neighbours are confirmed: if the readings before
+    /// or after some injection show no fault, the sheet changed during the frame and the result is `None`. `data`: the
+    /// data of the frame; `innovation`: the data minus the tracked baseline, V.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -228,7 +231,7 @@ impl ElectrodeCheck {
         }
         let reference = data - innovation;
         for change in 1..self.injections {
-            // the longer part of the frame has more of the pairs
+            // the longer part of the frame contains more of the pairs
             let later = 2 * change <= self.injections;
             let is_of_part = |reading: &usize| (self.injection_of[*reading] >= change) == later;
             let mut part = DVector::zeros(data.len());
@@ -250,8 +253,8 @@ impl ElectrodeCheck {
         Ok(Some(fault))
     }
 
-    /// Whether an innovation shows no fault for sure, judged without a solution: `white` is whitened by the covariance without loads, so
-    /// that its chi squared is at least that with loads allowed for.
+    /// Whether an innovation certainly shows no fault, without solving a system: `white` is whitened by the covariance
+    /// without loads, so its chi squared is at least that with loads allowed for.
     pub(crate) fn is_healthy(
         &self,
         model: &DriftModel,
@@ -296,14 +299,14 @@ impl ElectrodeCheck {
         Ok(risen.then_some(ElectrodeFault::Risen { electrode, by }))
     }
 
-    /// The first electrode of a pair whose readings, by drive or by sense, are almost nothing.
+    /// The first electrode of a pair whose readings, driven or sensed, are almost zero.
     fn shorted(&self, model: &DriftModel, frame: &[Reading]) -> Option<usize> {
         let almost_nothing = |readings: &Vec<usize>| {
             let shares = readings.iter().filter_map(|&reading| {
                 let volts = frame[reading].volts()?.0;
                 Some((volts / model.baseline()[reading]).abs())
             });
-            // the median is below it
+            // the median is below the threshold
             let (mut count, mut below) = (0, 0);
             for share in shares {
                 count += 1;
@@ -326,7 +329,7 @@ impl ElectrodeCheck {
         (chi - most < LEFT * chi).then(|| self.of_short[best])
     }
 
-    /// Chi squared without an electrode's readings.
+    /// Chi squared without the readings of an electrode.
     fn left(
         &self,
         covariance: &DMatrix<f64>,
@@ -340,7 +343,7 @@ impl ElectrodeCheck {
             .norm_squared())
     }
 
-    /// The electrode without which the model explains the data.
+    /// The electrode without whose readings the model explains the data.
     fn culprit(
         &self,
         covariance: &DMatrix<f64>,

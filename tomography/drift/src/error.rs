@@ -2,13 +2,13 @@
 
 use eit::ForwardError;
 
-/// Why a sheet cannot be followed.
+/// Errors of the drift model and the tracker.
 #[derive(Debug, thiserror::Error)]
 pub enum DriftError {
     /// The forward model refused the sheet.
     #[error("the sheet's model: {0}")]
     Forward(#[from] ForwardError),
-    /// Another number of readings than the protocol has.
+    /// Wrong number of readings for the protocol.
     #[error("{has} readings, the protocol has {wants}")]
     Readings {
         /// Readings given.
@@ -38,15 +38,15 @@ pub enum DriftError {
     /// A map before the first frame.
     #[error("no usable frame has been tracked yet")]
     NoFrame,
-    /// A stored state of another sheet, mesh or build.
+    /// A stored state of a different sheet, mesh or build.
     #[error("the stored state is of {has}, this sheet is {wants}")]
     State {
-        /// What the state was made for.
+        /// Identity of the sheet for which the state was stored.
         has: String,
-        /// What it is restored on.
+        /// Identity of the sheet on which the state is restored.
         wants: String,
     },
-    /// A stored state of this sheet with a length or an index that does not fit it.
+    /// A stored state of this sheet with an array length or an index that does not fit the sheet.
     #[error("the stored state is damaged: its {field} does not fit the sheet")]
     DamagedState {
         /// The field of the state.

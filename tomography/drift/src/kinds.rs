@@ -1,5 +1,5 @@
-//! How much of a tracked change is gain, contacts, a smooth field, or local: its most probable parts under the covariance of
-//! each kind.
+//! Splits a tracked change into gain, contacts, smooth field and local change: the most probable parts, given the
+//! covariance of each kind.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,10 +9,10 @@ use crate::model::DriftModel;
 use crate::sizes::Sizes;
 use crate::whitened::Whitened;
 
-/// Shortest time that the parts are computed for, days: a frame's change is noise.
+/// Shortest time for which the parts are computed, days: the change between two frames is mostly noise.
 const SHORTEST_DAYS: f64 = 1.0 / 24.0;
 
-/// The parts of a change.
+/// The parts of a change, by kind.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriftKinds {
     /// Change of ln gain.
@@ -23,7 +23,7 @@ pub struct DriftKinds {
     pub field: f64,
     /// The largest local change.
     pub local: LocalChange,
-    /// Root mean square over the data of each part, V.
+    /// Root mean square of each part over the data, V.
     pub data_v: Sizes,
 }
 
@@ -32,12 +32,13 @@ pub struct DriftKinds {
 pub struct LocalChange {
     /// Change of ln conductance.
     pub change: f64,
-    /// Where, m.
+    /// Centre of the change, m.
     pub centre: [f64; 2],
 }
 
 impl DriftModel {
-    /// The most probable parts of a change of the data that has this error (covariance, V2) and took this time at a pace.
+    /// The most probable parts of a change of the data with this error (covariance, V2) that developed over this time
+    /// at this pace.
     ///
     /// # Errors
     /// A covariance that cannot be factored.
@@ -62,7 +63,7 @@ impl DriftModel {
         let local = local * variance(sizes.local);
         let most = local.icamax();
         let rms = |values: &DVector<f64>| values.norm() / (values.len() as f64).sqrt();
-        // with the second order of the contacts
+        // includes the second order of the contacts
         let part = |kind: &Sizes| rms(&(self.drift(kind) * &weights));
         let none = Sizes::default();
         Ok(DriftKinds {

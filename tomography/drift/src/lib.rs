@@ -1,16 +1,19 @@
-//! Drift of a sheet over months: what separates a load from ageing, and what cannot.
+//! Drift of a sheet over months: separates loads from ageing, as far as the readings allow it.
 //!
-//! A map compares a frame with a baseline. Over days the sheet itself changes: its conductance as a whole, its contacts,
-//! slowly varying fields, and places. This crate gives a frame the covariance of these changes, and follows them through
-//! time where frames of the past are known. It computes from readings that it is given: no files, no clock, no instruments, no phantom.
+//! A map compares a frame with a baseline. Over days the sheet itself changes: its overall conductance, its contacts,
+//! slowly varying fields, and local spots. This crate provides the covariance of these changes for a frame, and tracks
+//! them over time if earlier frames are available. Its input is readings only; it uses no files, clock, instruments or
+//! phantom.
 //!
-//! - **pairs**: a frame as 299 means of reciprocal readings, relative to a baseline, and 299 differences that no load and no
-//!   drift changes
+//! - **pairs**: a frame as 299 means of reciprocal readings, relative to a baseline, and 299 differences that neither
+//!   loads nor drift change
 //! - **sheet**: gain, contacts and an uneven conductance fitted once to the first baseline
-//! - **model**: sensitivity at that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
-//! - **evidence**: the sizes of these changes that make one frame most probable, and its drift, for methods that take a
-//!   baseline; **whitened**: data and sensitivity for linear methods; **disc**: a disc with its covariance, also one that moves
-//! - **tracker**: the baseline followed through time, learnt only from frames without load; **electrodes**: which one is faulty
+//! - **model**: sensitivity of that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
+//! - **evidence**: the sizes of these changes that make one frame most probable, and the drift in that frame, for
+//!   methods that use a baseline; **whitened**: data and sensitivity for linear methods; **disc**: a disc with its
+//!   covariance, at rest or moving
+//! - **tracker**: the baseline tracked over time, learnt only from frames without load; **electrodes**: detects faulty
+//!   ones
 
 mod basis;
 mod disc;

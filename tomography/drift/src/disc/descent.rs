@@ -15,7 +15,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// Near zero.
+    /// A parameter whose prior mean is zero.
     pub(super) fn small(bounds: [f64; 2], step: f64, deviation: f64) -> Self {
         Self {
             bounds,
@@ -31,7 +31,7 @@ impl Axis {
         [0, 1].map(|axis| Self::small([low[axis], high[axis]], 0.2e-3, f64::INFINITY))
     }
 
-    /// ln diameter (m), about a mean.
+    /// ln diameter (m), with this prior mean.
     pub(super) fn ln_diameter(mean: f64) -> Self {
         Self {
             bounds: DIAMETER_M.map(f64::ln),
@@ -41,7 +41,7 @@ impl Axis {
         }
     }
 
-    /// Change of ln conductance, a factor: at most all of the conductance.
+    /// Linear change of conductance, the factor of the data; at -2 all conductance is lost.
     pub(super) fn change() -> Self {
         Self::small([-2.0, 2.0], 1.0, f64::INFINITY)
     }
@@ -51,17 +51,17 @@ impl Axis {
     }
 }
 
-/// What is fitted: `N` parameters to data, of which the last is a factor.
+/// Least-squares problem: fits `N` parameters to data; the last parameter is a linear factor.
 pub(super) struct Problem<'a, const N: usize, F> {
-    /// White.
+    /// Whitened data.
     pub(super) data: &'a DVector<f64>,
-    /// Data of parameters.
+    /// The whitened data that these parameters predict.
     pub(super) of: F,
     pub(super) axes: [Axis; N],
 }
 
 impl<const N: usize, F: Fn(&SVector<f64, N>) -> DVector<f64>> Problem<'_, N, F> {
-    /// The parameters within their bounds.
+    /// Clamps the parameters to their bounds.
     fn clamp(&self, theta: SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|k, _| {
             let [low, high] = self.axes[k].bounds;
@@ -69,7 +69,7 @@ impl<const N: usize, F: Fn(&SVector<f64, N>) -> DVector<f64>> Problem<'_, N, F> 
         })
     }
 
-    /// The data that are left, and the cost with the priors.
+    /// The residual of the data, and the cost including the priors.
     pub(super) fn residual(&self, theta: &SVector<f64, N>) -> (DVector<f64>, f64) {
         let left = self.data - (self.of)(theta);
         let mut cost = left.norm_squared();
@@ -79,7 +79,7 @@ impl<const N: usize, F: Fn(&SVector<f64, N>) -> DVector<f64>> Problem<'_, N, F> 
         (left, cost)
     }
 
-    /// Derivatives: central differences, the last parameter is a factor.
+    /// Derivatives of the prediction: central differences; the last column is the prediction at factor 1.
     fn derivative(&self, theta: &SVector<f64, N>) -> DMatrix<f64> {
         let mut columns: Vec<DVector<f64>> = Vec::with_capacity(N);
         for (k, axis) in self.axes[..N - 1].iter().enumerate() {
@@ -94,12 +94,12 @@ impl<const N: usize, F: Fn(&SVector<f64, N>) -> DVector<f64>> Problem<'_, N, F> 
         DMatrix::from_columns(&columns)
     }
 
-    /// The inverse of the covariance of the parameters.
+    /// The inverse covariance of the parameters, priors included.
     pub(super) fn information(&self, theta: &SVector<f64, N>) -> SMatrix<f64, N, N> {
         self.with_priors(&self.derivative(theta))
     }
 
-    /// H' H with the priors.
+    /// H' H plus the prior weights.
     fn with_priors(&self, h: &DMatrix<f64>) -> SMatrix<f64, N, N> {
         let mut out = SMatrix::from_fn(|i, j| h.column(i).dot(&h.column(j)));
         for (k, axis) in self.axes.iter().enumerate() {
@@ -108,7 +108,7 @@ impl<const N: usize, F: Fn(&SVector<f64, N>) -> DVector<f64>> Problem<'_, N, F> 
         out
     }
 
-    /// The normal matrix with the priors, and the right side, at parameters that leave these data.
+    /// The normal matrix and the right side, priors included, at parameters with this residual.
     fn normal(
         &self,
         theta: &SVector<f64, N>,
@@ -123,7 +123,7 @@ impl<const N: usize, F: Fn(&SVector<f64, N>) -> DVector<f64>> Problem<'_, N, F> 
     }
 }
 
-/// The parameters after at most so many steps, and their cost.
+/// The parameters after at most this number of steps, and their cost.
 pub(super) fn descend<const N: usize>(
     problem: &Problem<'_, N, impl Fn(&SVector<f64, N>) -> DVector<f64>>,
     start: SVector<f64, N>,

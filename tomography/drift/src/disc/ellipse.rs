@@ -1,5 +1,6 @@
-//! The place of a load that is no disc. The centre of a disc that stands for an oblong load lies beside that of the load, and its error
-//! is that of a disc: an ellipse is fitted too, and its error counts for loads that look like a disc as well (decision 195).
+//! The position of a load that is not a disc. A disc fitted to an oblong load is offset from its centre, and its stated
+//! error holds for discs only. An ellipse is therefore fitted too, and its error is included also for loads that look
+//! like a disc (decision 195).
 
 use nalgebra::{DVector, SVector};
 
@@ -11,22 +12,26 @@ use crate::whitened::Whitened;
 
 /// x, y (m), ln diameter (m), two stretches, change.
 const N: usize = 6;
-/// Prior of each stretch, half of the logarithm of the ratio of the axes: along x, and along the diagonal.
+/// Prior standard deviation of each stretch: half of the logarithm of the ratio of the axes, along x and along the
+/// diagonal.
 const STRETCH_SD: f64 = 0.4;
 const MOST_STRETCH: f64 = 1.0;
-/// Improvement of chi squared from which on the load is no disc; and the share of chi squared that an ellipse may leave if it does not
-/// explain the data either: where the linear model fails, it takes the ellipse beside the load.
+/// Improvement of chi squared above which the load is not a disc; and the largest share of chi squared that an ellipse
+/// may leave if it does not explain the data either. Where the linear model fails, the ellipse is fitted beside the
+/// load.
 const NO_DISC: f64 = 12.0;
 const CLEARLY: f64 = 0.5;
-/// Standard deviation of a place by what an ellipse lacks in shape, as a share of the diameter: where it explains the data, and where not.
+/// Standard deviation of the position due to a shape other than an ellipse, as a share of the diameter: if the ellipse
+/// explains the data, and if not.
 const LIKE_AN_ELLIPSE: f64 = 0.005;
 const OTHER_SHAPE: f64 = 0.025;
-/// Least standard deviation of a load as a share of it.
+/// Smallest relative standard deviation of a load.
 const LOAD_FLOOR: f64 = 0.04;
 
 impl Whitened {
-    /// The place of a load for which `disc` was fitted to the same data: the centre of an ellipse if it explains them better, and an error that
-    /// holds for loads that are no discs. The answer's disc has the area of the ellipse.
+    /// The position of a load to whose data `disc` was fitted: the centre of an ellipse if the ellipse explains the
+    /// data better, with an error that holds for loads that are not discs. The disc of the result has the area of the
+    /// ellipse.
     ///
     /// # Errors
     /// Data that are not finite.

@@ -1,8 +1,8 @@
-//! A disc fitted in whitened space, with the covariance of its place and load.
+//! Fits a disc in whitened space, with the covariance of its position and load.
 //!
-//! The model of the disc is linear (Born) about the fitted sheet, with the exact area that the disc covers of each triangle. A
-//! disc that loses the share l of its conductance changes the field as 2 l / (2 - l) of a linear one does: the fitted change is
-//! converted accordingly.
+//! The model of the disc is linear (Born) about the fitted sheet, with the exact area of each triangle that the disc
+//! covers. A disc that loses the share l of its conductance changes the field like a linear change of 2 l / (2 - l);
+//! the fitted change is converted accordingly.
 
 mod descent;
 mod ellipse;
@@ -20,19 +20,19 @@ pub use moving::{INJECTIONS, Injection, MovingLoad, TimedReading};
 
 /// Error of the model as a share of the fitted signal.
 pub(crate) const MODEL_SHARE: f64 = 0.01;
-/// Factor of the covariance, and its floor, m: of an even sheet, and for each unit of unevenness (decision 192).
+/// Factor of the covariance; and its floor, m: of an even sheet, and per unit of unevenness (decision 192).
 const INFLATION: f64 = 1.5;
 const FLOOR_M: f64 = 0.07e-3;
 const FLOOR_OF_UNEVEN_M: f64 = 3e-3;
-/// Chi squared per row after the fit above which the answer is refused.
+/// Chi squared per row after the fit above which the fit is rejected.
 const REFUSED: f64 = 1.6;
-/// Diameters that are fitted, m.
+/// Range of fitted diameters, m.
 const DIAMETER_M: [f64; 2] = [4e-3, 0.15];
-/// Prior of ln diameter: its mean is that of the start, its deviation this.
+/// Prior standard deviation of ln diameter; the prior mean is the ln diameter of the start.
 const LN_DIAMETER_SD: f64 = 1.0;
 const STEPS: usize = 30;
 
-/// A disc that lost conductance.
+/// A disc with reduced conductance.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Disc {
     /// Centre, m.
@@ -43,29 +43,30 @@ pub struct Disc {
     pub loss: f64,
 }
 
-/// A fitted disc with what is known of it.
+/// A fitted disc with its uncertainty.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DiscFit {
     /// The disc.
     pub disc: Disc,
-    /// Linear change of conductance times the square of the diameter, m2: hardly depends on the diameter.
+    /// Linear change of conductance times the squared diameter, m2, positive for a loss. It hardly depends on the
+    /// fitted diameter.
     pub load: f64,
     /// Covariance of the centre, m2.
     pub covariance: [[f64; 2]; 2],
-    /// Standard deviation of the load as a share of it.
+    /// Relative standard deviation of the load.
     pub load_sd: f64,
-    /// Standard deviation of the change of conductance under the disc as a share of it.
+    /// Relative standard deviation of the change of conductance under the disc.
     pub change_sd: f64,
     /// Improvement of chi squared by the disc.
     pub score: f64,
-    /// Chi squared per row after the fit, with 1 % of the disc's signal as an error of the model.
+    /// Chi squared per row after the fit, with 1 % of the disc's signal as model error.
     pub chi: f64,
     /// Whether the fit is good enough for its covariance to hold.
     pub accepted: bool,
 }
 
 impl Disc {
-    /// Its map: relative change of conductance of each triangle of the region, 0 outside of the disc.
+    /// The map of the disc: relative change of conductance of each triangle of the region, 0 outside of the disc.
     pub fn map(&self, mesh: &Mesh) -> Vec<f64> {
         let of = |&triangle: &usize| {
             let common = overlap(mesh.corners(triangle), self.centre, 0.5 * self.diameter);
@@ -76,7 +77,8 @@ impl Disc {
 }
 
 impl DiscFit {
-    /// From parameters that begin with x, y (m) and ln diameter (m) and end with the change, and their covariance.
+    /// Creates a fit from parameters that begin with x, y (m) and ln diameter (m) and end with the change, and their
+    /// covariance.
     fn new<const N: usize>(
         model: &DriftModel,
         theta: &SVector<f64, N>,
@@ -107,13 +109,14 @@ impl DiscFit {
         }
     }
 
-    /// Whether it is more than drift and noise of a sheet without load would show.
+    /// Whether the improvement of chi squared exceeds what drift and noise of an unloaded sheet cause.
     pub fn is_load(&self) -> bool {
         self.score > LOADED
     }
 
-    /// Linear change of conductance that the load may have, 0 to 2: that of the disc, and a standard deviation of its logarithm more (at
-    /// most 1). A small disc that changed much is hardly told apart from a larger one that changed less.
+    /// Largest linear change of conductance that the load may have, 0 to 2: that of the disc, multiplied by e to the
+    /// standard deviation of its logarithm (at most 1). A small disc with a large change can hardly be distinguished
+    /// from a larger disc with a smaller change.
     fn largest_change(&self) -> f64 {
         let change = (self.load / self.disc.diameter.powi(2)).abs();
         let more = self.change_sd.min(1.0);
@@ -122,7 +125,7 @@ impl DiscFit {
 }
 
 impl Whitened {
-    /// Fits one disc of either sign, from the best places of the load test.
+    /// Fits one disc (loss or gain), starting at the best places of the load test.
     ///
     /// # Errors
     /// Data that are not finite.
@@ -141,9 +144,9 @@ impl Whitened {
         self.described(model, theta, cost)
     }
 
-    /// The disc that explains the data best, and the largest linear change of conductance that a load of these data may have, 0 to 2. A
-    /// wide disc that stands for several loads changes less than each of them, so that the disc nearest to each start counts, if it
-    /// explains at least half as much.
+    /// The disc that explains the data best, and the largest linear change of conductance that a load with these data
+    /// may have, 0 to 2. A wide disc fitted to several loads has a smaller change than each of them; therefore the disc
+    /// fitted from each start counts too, if it explains at least half as much.
     pub(crate) fn fit_disc_and_change(
         &self,
         model: &DriftModel,
@@ -160,7 +163,7 @@ impl Whitened {
         Ok((best, largest))
     }
 
-    /// The disc from each start and its cost, the least first.
+    /// The disc fitted from each start and its cost, lowest cost first.
     fn descents(&self, model: &DriftModel, starts: &[LoadTest]) -> Vec<(Vector4<f64>, f64)> {
         let fits = starts.iter().map(|start| self.descend(model, start));
         let mut fits: Vec<_> = fits.filter(|(_, cost)| cost.is_finite()).collect();
@@ -173,7 +176,7 @@ impl Whitened {
         self.column(&(model.disc([theta[0], theta[1]], theta[2].exp()) * theta[3]))
     }
 
-    /// The fit of a disc, about a mean of its ln diameter.
+    /// The least-squares problem of a disc with this prior mean of ln diameter.
     fn of_one_disc<'a>(
         &'a self,
         model: &'a DriftModel,
@@ -187,7 +190,7 @@ impl Whitened {
         }
     }
 
-    /// Levenberg-Marquardt from a place of the load test.
+    /// Levenberg-Marquardt fit, starting at a place of the load test.
     fn descend(&self, model: &DriftModel, start: &LoadTest) -> (Vector4<f64>, f64) {
         let mean = start.place.diameter.ln();
         let [x, y] = start.place.centre;
@@ -195,7 +198,7 @@ impl Whitened {
         descend(&self.of_one_disc(model, mean), start, STEPS)
     }
 
-    /// The fit with its covariance, which contains an error of the model of 1 % of the signal.
+    /// The fit with its covariance, which includes a model error of 1 % of the signal.
     fn described(
         &self,
         model: &DriftModel,
@@ -213,17 +216,17 @@ impl Whitened {
     }
 }
 
-/// The share of the conductance that a disc loses where the field changes as by this linear change.
+/// The share of conductance that a disc loses if the field changes like this linear change.
 fn loss_of(change: f64) -> f64 {
     -2.0 * change / (2.0 + change.abs())
 }
 
-/// Factor of a covariance by chi squared per row after the fit.
+/// Factor of the covariance for a chi squared per row after the fit.
 fn inflation(chi: f64) -> f64 {
     INFLATION * chi.max(1.0)
 }
 
-/// The covariance of a place, m2, as it is stated: inflated, with the floor of the sheet.
+/// The reported covariance of a position, m2: inflated, with the floor of the sheet.
 fn place_covariance(model: &DriftModel, of_fit: [[f64; 2]; 2], chi: f64) -> [[f64; 2]; 2] {
     let mut out = of_fit.map(|row| row.map(|value| value * inflation(chi)));
     let floor = FLOOR_M.max(FLOOR_OF_UNEVEN_M * model.fit().unevenness);

@@ -1,5 +1,6 @@
-//! A load that moves while it is measured, after every injection: a disc with a velocity, fitted to the readings of the last
-//! injections. A frame takes seconds; taken as still, a load that moves is found millimetres behind itself.
+//! A load that moves during a frame, updated after every injection: a disc with a velocity, fitted to the readings of
+//! the last injections. A frame takes seconds; a model of a load at rest locates a moving load millimetres behind its
+//! present position.
 
 use std::sync::Arc;
 
@@ -11,9 +12,9 @@ use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
 
-/// Fewest and most injections that a moving load is fitted to.
+/// Fewest and most injections used to fit a moving load.
 pub const INJECTIONS: std::ops::RangeInclusive<usize> = FIRST..=LONGER[0];
-/// Injections of the first fit, and of longer ones that begin with it, longest first.
+/// Injections of the first fit, and of the longer fits that include them, longest first.
 const FIRST: usize = 7;
 const LONGER: [usize; 2] = [26, 13];
 /// Prior of each component of the velocity, m/s.
@@ -25,55 +26,55 @@ const N: usize = 6;
 /// One reading of an injection.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimedReading {
-    /// Its number in the protocol.
+    /// Index of the reading in the protocol.
     pub reading: usize,
-    /// V.
+    /// Voltage, V.
     pub volts: f64,
 }
 
 /// The readings of one injection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Injection {
-    /// When, s.
+    /// Time of the injection, s.
     pub at_s: f64,
-    /// Its readings; those without a value are left out.
+    /// Readings of the injection; those without a value are omitted.
     pub readings: Vec<TimedReading>,
 }
 
 /// A load at the time of the last injection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MovingLoad {
-    /// The disc.
+    /// The disc at that time.
     pub disc: Disc,
     /// Its velocity, m/s.
     pub velocity: [f64; 2],
-    /// Covariance of its centre, m2.
+    /// Covariance of the centre, m2.
     pub covariance: [[f64; 2]; 2],
     /// Improvement of chi squared over an empty sheet.
     pub score: f64,
-    /// Injections that were used.
+    /// Number of injections used.
     pub injections: usize,
-    /// Chi squared per reading after the fit, with 1 % of the disc's signal as an error of the model.
+    /// Chi squared per reading after the fit, with 1 % of the disc's signal as model error.
     pub chi: f64,
-    /// Whether one disc on a straight path at one speed explains the readings, so that its covariance holds.
+    /// Whether one disc at a constant velocity explains the readings; only then the covariance is valid.
     pub accepted: bool,
 }
 
 /// Readings of a window with their covariance.
 #[derive(Clone)]
 struct Window {
-    /// Row of each reading, its factor, and seconds after the last injection (at most 0).
+    /// Row of each reading, its factor, and its time relative to the last injection, s (at most 0).
     rows: Vec<usize>,
     after_s: Vec<f64>,
     white: Whitened,
 }
 
 impl DriftModel {
-    /// The load that lies on the sheet after the last of these injections, which are in their order; `None` if the readings agree
-    /// with an empty sheet. `baseline` (V) and `covariance` (V2) are those of the tracked baseline.
+    /// The load on the sheet after the last of these injections, which are in order of time; `None` if the readings
+    /// agree with an empty sheet. `baseline` (V) and `covariance` (V2) are those of the tracked baseline.
     ///
     /// # Errors
-    /// A reading that the protocol does not have, or a covariance that cannot be factored.
+    /// A reading that is not in the protocol, or a covariance that cannot be factored.
     pub fn moving_load(
         &self,
         injections: &[Injection],
@@ -86,7 +87,7 @@ impl DriftModel {
             return Ok(None);
         };
         let Some((theta, score)) = self.search_moving(&window, 0.0) else {
-            // a weak load may show in more of them
+            // a weak load may be detectable in more injections
             let more = last(LONGER[0]);
             let longest = match more.len() > FIRST {
                 true => self.window(more, baseline, covariance)?,
@@ -110,7 +111,7 @@ impl DriftModel {
             let (theta, cost) = self.descend_moving(&longer, theta);
             let score = longer.white.data().norm_squared() - cost;
             let fit = self.described_moving(&longer, &theta, score, more.len())?;
-            // it may begin before the load came, or before it turned
+            // a longer window may begin before the load came or changed direction
             if fit.accepted {
                 return Ok(Some(fit));
             }
@@ -118,7 +119,8 @@ impl DriftModel {
         Ok(Some(first))
     }
 
-    /// A load that the window shows, from the best places of the load test whose scores are at least `least`; its parameters and score.
+    /// A load found in the window, starting at the best places of the load test with scores of at least `least`: its
+    /// parameters and score.
     fn search_moving(&self, window: &Window, least: f64) -> Option<(SVector<f64, N>, f64)> {
         let atoms = self.atoms.select_rows(&window.rows);
         let atoms = Atoms::new(&window.white.sensitivity(&atoms));
@@ -136,7 +138,7 @@ impl DriftModel {
         (score >= LOADED).then_some((theta, score))
     }
 
-    /// The fit with its covariance, which contains an error of the model.
+    /// The fit with its covariance, which includes the model error.
     fn described_moving(
         &self,
         window: &Window,
@@ -175,7 +177,7 @@ impl DriftModel {
         })
     }
 
-    /// The readings of these injections, whitened; `None` without any.
+    /// The readings of these injections, whitened; `None` if there are none.
     fn window(
         &self,
         injections: &[Injection],
@@ -218,7 +220,7 @@ impl DriftModel {
         }))
     }
 
-    /// Changes of the readings by a moving disc.
+    /// Changes of the readings caused by a moving disc.
     fn readings_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DVector<f64> {
         let mut out = DVector::zeros(window.rows.len());
         let mut at = 0;
@@ -234,7 +236,7 @@ impl DriftModel {
         out
     }
 
-    /// The fit of a disc that moves, about a mean of its ln diameter.
+    /// The least-squares problem of a moving disc with this prior mean of ln diameter.
     fn moving_problem<'a>(
         &'a self,
         window: &'a Window,
@@ -252,7 +254,7 @@ impl DriftModel {
         }
     }
 
-    /// Levenberg-Marquardt; the parameters and their cost.
+    /// Levenberg-Marquardt fit: the parameters and their cost.
     fn descend_moving(&self, window: &Window, start: SVector<f64, N>) -> (SVector<f64, N>, f64) {
         descend(&self.moving_problem(window, start[4]), start, STEPS)
     }

@@ -1,8 +1,9 @@
-//! The drift of a frame whose load is no disc.
+//! The drift in a frame whose load is not a disc.
 //!
-//! Where any cell may have changed by as much as any other, the estimate takes the mean change of a wide load for a change of the gain:
-//! both change all readings alike. But a load has edges, and leaves the rest of the sheet as it was. So the cells that changed most are taken as the load,
-//! free in the size that makes the frame most probable, and gain, contacts and field are what the other cells show.
+//! If the prior lets every cell change equally, the estimate attributes the mean change of a wide load to the gain,
+//! because both change all readings alike. But a load has edges and leaves the rest of the sheet unchanged. Therefore
+//! the cells with the largest change are taken as the load, whose size is the one that makes the frame most probable;
+//! gain, contacts and field are estimated from the other cells.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,23 +13,24 @@ use crate::model::DriftModel;
 use crate::sizes::Sizes;
 use crate::whitened::Whitened;
 
-/// Share of the largest change from which on a cell belongs to the load.
+/// Share of the largest change above which a cell belongs to the load.
 const LOADED_SHARE: f64 = 0.25;
-/// Distance to which its neighbours belong to it too, m: one cell.
+/// Distance within which neighbouring cells also belong to the load, m: one cell.
 const BESIDE_M: f64 = 10e-3;
-/// Least and largest change of ln conductance about which the model is linear: it is lost, or doubled.
+/// Smallest and largest change of ln conductance for the linearisation: conductance nearly lost, or doubled.
 const CHANGE: [f64; 2] = [-3.0, 0.7];
-/// Rounds: each finds the load's cells in what the drift of the round before leaves.
+/// Number of rounds: each round searches the cells of the load in the data corrected by the drift of the previous
+/// round.
 const ROUNDS: usize = 6;
-/// Error of the model that is linear about the sheet without the load, as a share of the load's signal.
+/// Error of the model linearised about the sheet without load, as a share of the load's signal.
 const FIRST_SHARE: f64 = 0.3;
 
-/// What is known of the drift before the frame.
+/// Knowledge about the drift before the frame.
 #[derive(Clone, Copy)]
 pub(crate) enum Prior<'a> {
-    /// Its kinds; their sizes are what the frame makes most probable.
+    /// The kinds of drift; the sizes that make the frame most probable are used.
     Kinds,
-    /// Its covariance, V2.
+    /// The covariance of the drift, V2.
     Covariance(&'a DMatrix<f64>),
 }
 
@@ -44,7 +46,7 @@ impl Prior<'_> {
         }
     }
 
-    /// The same with a load that has the covariance `load` at size 1.
+    /// The covariance of drift and load, V2; the load has the covariance `load` at size 1.
     pub(super) fn with_load(
         self,
         model: &DriftModel,
@@ -56,7 +58,8 @@ impl Prior<'_> {
 }
 
 impl DriftModel {
-    /// The drift of data with this covariance of noise (V2) beside a load of any shape: its sizes and the change of the data, V.
+    /// The drift in data with this noise covariance (V2) beside a load of any shape: its sizes and the change of the
+    /// data, V.
     pub(super) fn drift_beside_any_shape(
         &self,
         prior: Prior<'_>,
@@ -95,18 +98,18 @@ impl DriftModel {
                 break;
             }
             linear = self.linear_about(&about)?;
-            // what this load leaves is the error that the next round has to expect
+            // the unexplained rest of this load is the model error expected in the next round
             let left = &signal - &linear.0 - &linear.1 * about;
             let of_rows = |values: &DVector<f64>| values.select_rows(rows).norm();
             let share_left = of_rows(&left) / of_rows(&signal).max(f64::MIN_POSITIVE);
             share = share_left.clamp(MODEL_SHARE, FIRST_SHARE);
-            // where the load lies, seen without that drift
+            // the cells of the load, after subtraction of that drift
             map = self.map_beside(prior, &errors, &sizes, &signal, rows)?;
         }
         Ok(found)
     }
 
-    /// The map, by cell, of a load that may be anywhere.
+    /// The map, by cell, of a load anywhere on the sheet.
     fn map_beside(
         &self,
         prior: Prior<'_>,
@@ -120,7 +123,7 @@ impl DriftModel {
         Ok(self.local_by_cell(&weights).0)
     }
 
-    /// The cells that a load covers, from a map by cell.
+    /// The cells covered by a load, from a map by cell.
     fn load_cells(&self, map: &DVector<f64>) -> Vec<usize> {
         let least = LOADED_SHARE * map.amax();
         let most = (0..map.len()).filter(|&cell| map[cell].abs() >= least);

@@ -1,9 +1,9 @@
-//! The drift in one frame, separated from a load: what any method compares the frame with.
+//! Separates the drift in one frame from a load, so that any method can compare the frame with the drifted baseline.
 //!
-//! The map x that explains data d = J x + b + noise with drift b ~ N(0, D) is the same whether b is minimised over or the data
-//! are whitened by R + D: min over b of |d - J x - b|^2_R + |b|^2_D is |d - J x|^2_(R + D). A method that takes d - b for the
-//! most probable b therefore needs no covariance of its own. Here b is the most probable drift beside a load that is a
-//! disc, or, where no disc explains the frame, beside a load of any shape (`any_shape`).
+//! The map x that explains data d = J x + b + noise with drift b ~ N(0, D) is the same whether b is minimised over or
+//! the data are whitened by R + D: min over b of |d - J x - b|^2_R + |b|^2_D is |d - J x|^2_(R + D). A method that uses
+//! d - b for the most probable b therefore needs no covariance. Here b is the most probable drift beside a load that is
+//! a disc, or, if no disc explains the frame, beside a load of any shape (`any_shape`).
 
 use eit::linear_algebra::symmetric_eigen;
 use nalgebra::{DMatrix, DVector};
@@ -16,35 +16,36 @@ use crate::model::DriftModel;
 use crate::sizes::Sizes;
 use crate::whitened::Whitened;
 
-/// Share of the standard deviation before the frame above which the frame says nothing of a triangle.
+/// Share of the prior standard deviation above which the frame carries no information about a triangle.
 const UNRESOLVED: f64 = 0.9;
-/// Standard deviation of ln conductance that a load may have, at least: an empty frame is uncertain by what it would show.
+/// Smallest standard deviation of ln conductance assumed for a load; it applies also to empty frames, whose map has
+/// this uncertainty.
 const LEAST_LOAD: f64 = 0.05;
 
 /// The drift since the baseline in one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameDrift {
-    /// Most probable sizes; `local` is that of the load.
+    /// Most probable sizes; `local` is the size of the load.
     pub sizes: Sizes,
-    /// Most probable change of the data by drift alone, V, one for each pair.
+    /// Most probable change of the data caused by drift alone, V, one value per pair.
     pub change: DVector<f64>,
-    /// Whether a disc explains what is not drift.
+    /// Whether a disc explains the data after subtraction of the drift.
     pub is_disc: bool,
-    /// Largest linear change of conductance that the load may have, 0 to 2; 0 where there is none.
+    /// Largest linear change of conductance that the load may have, 0 to 2; 0 without a load.
     pub load: f64,
 }
 
-/// How exactly a frame tells each triangle's change of ln conductance, by the linear model.
+/// Uncertainty of each triangle's change of ln conductance given one frame, by the linear model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapDeviation {
     /// Standard deviation of each triangle of [`DriftModel::mesh`].
     pub deviation: Vec<f64>,
-    /// Whether the frame says anything of a triangle.
+    /// Whether the frame carries information about each triangle.
     pub resolved: Vec<bool>,
 }
 
 impl MapDeviation {
-    /// The standard deviation of each triangle, NaN if the frame gives no information about it.
+    /// The standard deviation of each triangle, NaN if the frame carries no information about it.
     pub fn values(&self) -> Vec<f64> {
         let each = self.deviation.iter().zip(&self.resolved);
         each.map(|(sd, resolved)| if *resolved { *sd } else { f64::NAN })
@@ -53,7 +54,7 @@ impl MapDeviation {
 }
 
 impl DriftModel {
-    /// Separates the drift in one frame from its load.
+    /// Separates the drift in one frame from the load.
     ///
     /// # Errors
     /// Data that are not finite.
@@ -87,8 +88,8 @@ impl DriftModel {
         })
     }
 
-    /// The drift beside the load of a frame, where the covariance of the drift is known (V2): its most probable change of the data, V.
-    /// `white`: the data whitened by noise and that drift; `fit`: the disc in them.
+    /// The most probable drift beside the load of a frame, as a change of the data, V, if the covariance of the drift
+    /// is known (V2). `white`: the data whitened by noise and that drift; `fit`: the disc fitted to them.
     pub(crate) fn drift_beside_load(
         &self,
         drift: &DMatrix<f64>,
@@ -104,14 +105,14 @@ impl DriftModel {
         Ok(change)
     }
 
-    /// The same beside a disc.
+    /// Like [`Self::drift_beside_load`], for a load that is a disc.
     fn drift_beside_disc(
         &self,
         drift: &DMatrix<f64>,
         white: &Whitened,
         fit: &DiscFit,
     ) -> Result<DVector<f64>, DriftError> {
-        // `load` is a loss
+        // `load` is positive for a loss
         let change = -fit.load / fit.disc.diameter.powi(2);
         let load = self.disc(fit.disc.centre, fit.disc.diameter) * change;
         let mut beside = white.with_error(&(&load * MODEL_SHARE))?;
@@ -119,8 +120,9 @@ impl DriftModel {
         Ok(drift * beside.weights())
     }
 
-    /// How exactly a frame with this drift and these rows tells the map: the posterior of local change. Before the frame, local change
-    /// is as large as the load's: what is most probable for all of the sheet is far less than what lies under a load.
+    /// Posterior standard deviation of local change, given a frame with this drift and these rows. The prior standard
+    /// deviation of local change is that of the load: the most probable size for the whole sheet is far below the
+    /// change under a load.
     ///
     /// # Errors
     /// A covariance that cannot be factored.
@@ -133,8 +135,8 @@ impl DriftModel {
         self.map_deviation_beside(errors, drift.load, rows)
     }
 
-    /// The posterior of local change of this standard deviation, or of the least that a load may have, where the data have errors of
-    /// this covariance, V2.
+    /// The posterior of local change if the errors of the data have this covariance, V2. Its prior standard deviation
+    /// is `local`, but at least the smallest one assumed for a load.
     pub(crate) fn map_deviation_beside(
         &self,
         errors: DMatrix<f64>,
@@ -143,7 +145,7 @@ impl DriftModel {
     ) -> Result<MapDeviation, DriftError> {
         let local = local.max(LEAST_LOAD);
         let before = local.powi(2);
-        // a covariance of linear data does not depend on their values
+        // the posterior covariance of a linear model does not depend on the data
         let none = DVector::zeros(self.pairs().len());
         let white = Whitened::new(&(errors + &self.local_gram * before), &none, rows)?;
         let resolved: DMatrix<f64> = white.sensitivity(&self.local_map.transpose());
@@ -158,11 +160,11 @@ impl DriftModel {
         })
     }
 
-    /// Changes of the readings, V, whose random combinations have the covariance of drift of these sizes; kinds of drift of a
-    /// smaller standard deviation than `least_v` in the data are left out.
+    /// Changes of the readings, V, whose random combinations have the covariance of drift of these sizes. Components
+    /// with a standard deviation in the data below `least_v` are omitted.
     ///
     /// # Errors
-    /// A covariance without eigenvalues.
+    /// The covariance has no eigenvalue decomposition.
     pub fn drift_rows(&self, sizes: &Sizes, least_v: f64) -> Result<Vec<Vec<f64>>, DriftError> {
         let (values, vectors) =
             symmetric_eigen(&self.drift(sizes)).ok_or(DriftError::Covariance)?;

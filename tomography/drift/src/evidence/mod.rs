@@ -1,5 +1,5 @@
-//! How large each kind of change is, from one frame: the sizes that make its data most probable. The drift of that frame itself is
-//! in `frame`.
+//! Estimates the size of each kind of change from one frame: the sizes that make its data most probable. The drift in
+//! that frame is computed in `frame`.
 
 mod any_shape;
 mod frame;
@@ -13,26 +13,26 @@ use crate::whitened::Whitened;
 use any_shape::Prior;
 pub use frame::{FrameDrift, MapDeviation};
 
-/// Size of a change of the gain that one frame may have: free.
+/// Standard deviation of the change of ln gain in one frame: practically free.
 const FREE_GAIN: f64 = 0.1;
-/// Points of the grid of each size, and its range.
+/// Number of grid points of each size, and their range.
 const CONTACT: (usize, [f64; 2]) = (9, [3e-3, 0.5]);
 const FIELD: (usize, [f64; 2]) = (9, [1e-5, 0.03]);
 const LOAD: (usize, [f64; 2]) = (7, [3e-3, 1.0]);
-/// Size that stands for an unknown one.
+/// Size used for a kind of change whose size is unknown.
 const PROJECTED: f64 = 10.0;
 const LOG_2PI: f64 = 1.837_877_066_409_345_3;
 
-/// What one frame says of the drift since the baseline.
+/// The drift since the baseline, as assessed from one frame.
 #[derive(Debug, Clone)]
 pub struct Assessed {
-    /// Most probable sizes; `local` is that of the load, which the covariance of the drift does not contain.
+    /// Most probable sizes; `local` is the size of the load, which the covariance of the drift does not include.
     pub sizes: Sizes,
     /// Data whitened by noise and drift.
     pub whitened: Whitened,
     /// Improvement of chi squared by the best disc of the load test.
     pub score: f64,
-    /// Evaluations of the likelihood.
+    /// Number of evaluations of the likelihood.
     pub evaluations: usize,
 }
 
@@ -41,8 +41,8 @@ fn grid((count, [low, high]): (usize, [f64; 2]), index: usize) -> f64 {
 }
 
 impl DriftModel {
-    /// Finds the sizes of drift and load that make the data most probable, by steps along the axes of a logarithmic grid, and
-    /// whitens the data by noise and drift. Baseline and frame have independent noise.
+    /// Finds the sizes of drift and load that make the data most probable, by steps along the axes of a logarithmic
+    /// grid, and whitens the data by noise and drift. The noise of the baseline and that of the frame are independent.
     ///
     /// # Errors
     /// Data that are not finite.
@@ -61,8 +61,8 @@ impl DriftModel {
         })
     }
 
-    /// The sizes that make the data most probable, where a load of size 1 has the covariance `load`; and how often the likelihood
-    /// was computed.
+    /// The sizes that make the data most probable if a load of size 1 has the covariance `load`, and the number of
+    /// evaluations of the likelihood.
     fn most_probable(
         &self,
         prior: Prior<'_>,
@@ -72,7 +72,7 @@ impl DriftModel {
         rows: &[usize],
     ) -> Result<(Sizes, usize), DriftError> {
         let mut known = std::collections::BTreeMap::<[usize; 3], f64>::new();
-        // where the covariance of the drift is known, the load alone has a size to be found
+        // if the covariance of the drift is known, only the size of the load is searched
         let counts = match prior {
             Prior::Kinds => [CONTACT.0, FIELD.0, LOAD.0],
             Prior::Covariance(_) => [1, 1, LOAD.0],
@@ -122,7 +122,7 @@ impl DriftModel {
         Ok((sizes(best), known.len()))
     }
 
-    /// Data whitened by noise alone, after gain and contacts are projected out: their size is taken as unknown.
+    /// Data whitened by noise alone, after projecting out gain and contacts, whose sizes are taken as unknown.
     ///
     /// # Errors
     /// Data that are not finite.
@@ -134,7 +134,7 @@ impl DriftModel {
     }
 }
 
-/// ln N(data; 0, covariance) of these rows.
+/// ln N(data; 0, covariance), using only these rows.
 pub(crate) fn log_likelihood(
     data: &DVector<f64>,
     covariance: &DMatrix<f64>,
