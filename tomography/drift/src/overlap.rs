@@ -1,4 +1,4 @@
-//! The area that a disc and a triangle have in common, exactly.
+//! The exact area of the intersection of a disc and a triangle.
 
 /// Area of the intersection of the triangle (counter-clockwise, m) and a disc, m2.
 pub(crate) fn overlap(corners: [[f64; 2]; 3], centre: [f64; 2], radius: f64) -> f64 {
@@ -7,8 +7,9 @@ pub(crate) fn overlap(corners: [[f64; 2]; 3], centre: [f64; 2], radius: f64) -> 
     area.max(0.0)
 }
 
-/// Corners with the ellipse of these stretches made a disc of the same area about the same centre: areas stay as they are. The first stretch
-/// is half of the logarithm of the ratio of the axes along x and y, the second the same along the diagonals.
+/// Maps corners so that the ellipse with these stretches becomes a disc of the same area about the same centre; areas
+/// do not change. The first stretch is half of the logarithm of the ratio of the axes along x and y, the second the
+/// same along the diagonals.
 pub(crate) fn unstretched(
     corners: [[f64; 2]; 3],
     centre: [f64; 2],
@@ -72,7 +73,7 @@ mod tests {
         assert!((overlap(TRIANGLE, [0.5, 0.5], 0.2) - PI * 0.04).abs() < 1e-12);
         assert!(overlap(TRIANGLE, [3.0, 3.0], 1.0).abs() < 1e-12);
         assert!((overlap(TRIANGLE, [0.5, 0.5], 9.0) - 2.0).abs() < 1e-12);
-        // a quarter of the disc is inside at the right-angled corner
+        // a quarter of the disc is inside the right-angled corner
         assert!((overlap(TRIANGLE, [0.0, 0.0], 1.0) - 0.25 * PI).abs() < 1e-12);
     }
 

@@ -1,14 +1,15 @@
-//! A frame as means of reciprocal readings, relative to a baseline.
+//! Converts a frame to means of reciprocal readings, relative to a baseline.
 //!
-//! A reading and its reciprocal twin (drive and sense exchanged) are equal on any sheet. Their mean carries all the
-//! information; their difference shows instruments alone.
+//! A reading and its reciprocal twin (drive and sense exchanged) are equal on any sheet. Their mean carries all
+//! information about the sheet; their difference shows only errors of the instruments.
 
 use nalgebra::DVector;
 use survey::{Measurement, Protocol, Reading};
 
 use crate::DriftError;
 
-/// A ratio of model to baseline outside of this range is not used: the baseline's reading is then wrong.
+/// Plausible range of the ratio of model to baseline; outside of it the baseline's reading is wrong and the ratio is
+/// not used.
 const RATIO: [f64; 2] = [0.5, 2.0];
 
 /// The reciprocal pairs of a protocol, in the order of their first reading. A reading without twin is a pair of its own.
@@ -22,7 +23,7 @@ pub struct Pairs {
 /// A frame relative to a baseline.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Relative {
-    /// Change of the mean of each pair in the scale of the model's readings, V. Zero where a reading is missing.
+    /// Change of the mean of each pair, scaled to the model's readings, V. Zero if a reading is missing.
     pub data: DVector<f64>,
     /// Half the difference of the changes of the two readings, V.
     pub difference: DVector<f64>,
@@ -34,7 +35,7 @@ impl Pairs {
     /// The pairs of a protocol.
     ///
     /// # Panics
-    /// Never: a part of a protocol's measurements is a protocol.
+    /// Never: any subset of a protocol's measurements is a valid protocol.
     pub fn new(protocol: &Protocol) -> Self {
         let twins = protocol.reciprocal_twins();
         let readings: Vec<[usize; 2]> = (0..protocol.len())
@@ -73,7 +74,7 @@ impl Pairs {
         &self.half
     }
 
-    /// The two readings of a pair; the same one twice without a twin.
+    /// The two readings of a pair; without a twin, the same reading twice.
     pub fn readings(&self, row: usize) -> [usize; 2] {
         self.readings[row]
     }
@@ -92,8 +93,8 @@ impl Pairs {
         DVector::from_iterator(self.len(), self.readings.iter().map(|&pair| of(pair)))
     }
 
-    /// The factor of each reading: model over baseline, 1 where that is no plausible ratio. `model` has a value for each
-    /// pair, `baseline` for each reading, V.
+    /// The scale factor of each reading: model over baseline, or 1 if that ratio is not plausible. `model` has a value
+    /// per pair, `baseline` a value per reading, V.
     pub fn ratios(&self, model: &DVector<f64>, baseline: &[f64]) -> Vec<f64> {
         let mut ratios = vec![1.0; baseline.len()];
         for (pair, model) in self.readings.iter().zip(model) {
@@ -107,10 +108,10 @@ impl Pairs {
         ratios
     }
 
-    /// A frame relative to a baseline (V, all present), with [`Pairs::ratios`].
+    /// A frame relative to a baseline (V, all readings present), scaled by [`Pairs::ratios`].
     ///
     /// # Errors
-    /// Another number of readings, or fewer than half of the pairs.
+    /// Wrong number of readings, or fewer than half of the pairs are complete.
     pub fn relative(
         &self,
         ratios: &[f64],

@@ -1,7 +1,7 @@
-//! The sheet behind a baseline: gain, contacts and an uneven conductance fitted to absolute readings.
+//! Fits gain, contacts and an uneven conductance of the sheet to the absolute readings of a baseline.
 //!
-//! Maps compare frames with this sheet instead of the nominal one. The fitted contacts explain the readings together with
-//! everything else that the model leaves out; they are not measured contact resistances.
+//! Maps compare frames with this fitted sheet instead of the nominal one. The fitted contacts also absorb all effects
+//! that the model omits; they are not measured contact resistances.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -14,12 +14,12 @@ use serde::{Deserialize, Serialize};
 use crate::DriftError;
 use crate::pairs::Pairs;
 
-/// Standard deviation of ln gain before the fit: nearly free.
+/// Prior standard deviation of ln gain: nearly free.
 const GAIN_SD: f64 = 1.0;
-/// A fitted contact is implausible beyond this many of its standard deviations before the fit.
+/// A fitted contact is implausible if it deviates by more than this many prior standard deviations.
 const IMPLAUSIBLE: f64 = 2.0;
 
-/// What is assumed of the sheet before the fit.
+/// Prior assumptions and settings of the fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
     /// Current of every injection, A.
@@ -30,13 +30,13 @@ pub struct FitOptions {
     pub field_sd: f64,
     /// Correlation length of ln conductance (Matern, smoothness 3/2), m.
     pub field_length_m: f64,
-    /// Number of cosine modes of ln conductance.
+    /// Number of cosine modes that represent ln conductance.
     pub modes: usize,
     /// Gauss-Newton steps.
     pub steps: usize,
-    /// Error of the model, as a share of each reading.
+    /// Model error, as a share of each reading.
     pub error_share: f64,
-    /// Error of each reading besides, V.
+    /// Additional error of each reading, V.
     pub error_v: f64,
 }
 
@@ -62,13 +62,13 @@ pub struct SheetFit {
     pub sigma: Vec<f64>,
     /// Contact impedance of each electrode, ohm m.
     pub contact_ohm_m: Vec<f64>,
-    /// Readings of the model over those of the nominal sheet, from conductance and contacts together.
+    /// Ratio of the fitted model's readings to those of the nominal sheet; includes conductance and contacts.
     pub gain: f64,
-    /// ln of each contact impedance over its nominal one.
+    /// ln of the ratio of each contact impedance to its nominal value.
     pub contacts: Vec<f64>,
     /// Root mean square of the relative error of the fitted readings.
     pub misfit: f64,
-    /// The same of the nominal sheet.
+    /// Root mean square of the relative error of the nominal sheet's readings.
     pub nominal_misfit: f64,
     /// Root mean square over the sheet of the fitted ln conductance about its mean.
     pub unevenness: f64,
@@ -79,7 +79,7 @@ pub struct SheetFit {
 }
 
 impl SheetFit {
-    /// Fits the sheet to a baseline of a protocol; the mesh is taken as a whole.
+    /// Fits the sheet to a baseline of a protocol; the whole mesh is fitted, not only its region.
     ///
     /// # Errors
     /// A baseline with missing readings, or a model that cannot be solved.
@@ -123,7 +123,7 @@ impl SheetFit {
         let mut forward = Forward::new(Arc::clone(mesh), contact_ohm_m)?;
         let at = |theta: &DVector<f64>| {
             let field = &modes * theta.rows(1 + electrodes, variances.len());
-            // the gain acts on conductances and contacts alike
+            // the gain scales conductances and contacts alike
             let gain = theta[0].exp();
             let sigma: Vec<f64> = sigma0
                 .iter()
@@ -184,7 +184,7 @@ fn misfit(measured: &DVector<f64>, model: &DVector<f64>) -> f64 {
     squares.mean().sqrt()
 }
 
-/// Root mean square by area of a field about its mean.
+/// Root mean square of a field about its mean, weighted by area.
 fn unevenness(mesh: &Mesh, field: &DVector<f64>) -> f64 {
     let (mut area, mut sum, mut square) = (0.0, 0.0, 0.0);
     for (triangle, value) in field.iter().enumerate() {
@@ -196,7 +196,7 @@ fn unevenness(mesh: &Mesh, field: &DVector<f64>) -> f64 {
     (square / area - (sum / area).powi(2)).max(0.0).sqrt()
 }
 
-/// Derivatives of the readings by ln gain, ln contacts and the amplitudes of the modes, V.
+/// Derivatives of the readings with respect to ln gain, ln contacts and the amplitudes of the modes, V.
 fn jacobian(
     forward: &Forward,
     sigma: &[f64],
@@ -222,8 +222,8 @@ fn jacobian(
     Ok(out)
 }
 
-/// Cosines over the mesh's bounding box at the centroid of each triangle (row), lowest wave numbers first and without the
-/// constant; and the variance of each amplitude by the spectrum of a Matern field.
+/// Cosines over the mesh's bounding box at the centroid of each triangle (row), lowest wave numbers first, without the
+/// constant; and the prior variance of each amplitude from the spectrum of a Matern field.
 fn cosine_modes(mesh: &Mesh, options: &FitOptions) -> (DMatrix<f64>, Vec<f64>) {
     let [low, high] = bounding_box(mesh.nodes().iter().copied());
     let size = [high[0] - low[0], high[1] - low[1]];
@@ -251,7 +251,7 @@ fn cosine_modes(mesh: &Mesh, options: &FitOptions) -> (DMatrix<f64>, Vec<f64>) {
         .iter()
         .map(|(_, square)| (corner + square).powf(-2.5))
         .collect();
-    // the mean over the sheet of a squared mode is 1/4, or 1/2 along one axis alone
+    // the mean of a squared mode over the sheet is 1/4, or 1/2 if it varies along one axis only
     let total: f64 = numbers
         .iter()
         .zip(&spectrum)

@@ -1,20 +1,20 @@
-//! How large each kind of change of a sheet is.
+//! Sizes (standard deviations) of the kinds of change of a sheet.
 
 /// Standard deviations of the kinds of change.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sizes {
-    /// ln gain.
+    /// Of ln gain.
     pub gain: f64,
-    /// ln contact impedance of each electrode.
+    /// Of the ln contact impedance of each electrode.
     pub contact: f64,
-    /// A field of 80 mm in ln conductance.
+    /// Of the smooth field (correlation length 80 mm) in ln conductance.
     pub field: f64,
-    /// Change of 8 mm in ln conductance.
+    /// Of local change (correlation length 8 mm) in ln conductance.
     pub local: f64,
 }
 
 impl Sizes {
-    /// Of months, as far as they are no load: for methods that are trained for one drift.
+    /// Drift over months, without changes that look like loads: for methods trained for one fixed drift.
     pub const MONTHS: Self = Self {
         gain: 0.05,
         contact: 0.14,
@@ -22,7 +22,7 @@ impl Sizes {
         local: 0.0,
     };
 
-    /// Each of them times a factor.
+    /// All sizes multiplied by a factor.
     pub(crate) fn scaled(self, by: f64) -> Self {
         Self {
             gain: self.gain * by,

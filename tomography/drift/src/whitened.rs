@@ -1,4 +1,4 @@
-//! Data and sensitivity whitened by a covariance: what linear methods take in place of raw changes.
+//! Data and sensitivity whitened by a covariance: the input of linear methods instead of raw changes.
 
 use std::sync::Arc;
 
@@ -8,10 +8,10 @@ use nalgebra::{DMatrix, DVector};
 use crate::DriftError;
 use crate::model::{DriftModel, Place};
 
-/// Improvement of chi squared by a disc above which a frame is loaded, or a step is an event.
+/// Improvement of chi squared by a disc above which a frame counts as loaded, or a step as an event.
 pub(crate) const LOADED: f64 = 45.0;
 
-/// Data d with covariance S = L L', as L^-1 d. Rows without a value are left out (marginalised).
+/// Data d with covariance S = L L', stored as L^-1 d. Rows without a value are omitted (marginalised).
 #[derive(Debug, Clone)]
 pub struct Whitened {
     factor: Arc<Definite>,
@@ -32,7 +32,7 @@ pub(crate) struct LoadTest {
 }
 
 impl Whitened {
-    /// Whitens data (V, one per pair) by a covariance (V2) of which only these rows count.
+    /// Whitens data (V, one per pair) by a covariance (V2), using only these rows.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -56,7 +56,7 @@ impl Whitened {
         white
     }
 
-    /// Other data with the same covariance.
+    /// Replaces the data; the covariance stays the same.
     pub(crate) fn set(&mut self, data: &DVector<f64>) {
         self.raw = data.select_rows(&self.rows);
         self.data = self.column(data);
@@ -67,12 +67,12 @@ impl Whitened {
         &self.data
     }
 
-    /// The data as they were given, V, one for each pair; zero in rows that do not count.
+    /// The data before whitening, V, one per pair; zero in unused rows.
     pub(crate) fn raw(&self) -> DVector<f64> {
         self.spread(&self.raw)
     }
 
-    /// A value for each pair from one for each row that counts; zero in the others.
+    /// Expands a value for each used row to a value for each pair; zero in unused rows.
     fn spread(&self, values: &DVector<f64>) -> DVector<f64> {
         let mut out = DVector::zeros(self.of);
         for (&row, value) in self.rows.iter().zip(values) {
@@ -81,12 +81,12 @@ impl Whitened {
         out
     }
 
-    /// Rows that count, ascending.
+    /// The used rows, ascending.
     pub fn rows(&self) -> &[usize] {
         &self.rows
     }
 
-    /// Chi squared of the data over their number.
+    /// Chi squared of the data divided by their number.
     pub fn chi_per_row(&self) -> f64 {
         self.data.norm_squared() / self.rows.len() as f64
     }
@@ -96,7 +96,7 @@ impl Whitened {
         self.factor.log_determinant()
     }
 
-    /// L^-1 J of a sensitivity with a row for each pair.
+    /// L^-1 J for a sensitivity with a row for each pair.
     pub fn sensitivity(&self, sensitivity: &DMatrix<f64>) -> DMatrix<f64> {
         let mut out = match self.rows.len() == self.of {
             true => sensitivity.clone(),
@@ -106,21 +106,21 @@ impl Whitened {
         out
     }
 
-    /// L^-1 a of one column.
+    /// L^-1 a for one column.
     pub(crate) fn column(&self, column: &DVector<f64>) -> DVector<f64> {
         whiten(&self.factor, &column.select_rows(&self.rows))
     }
 
-    /// S^-1 d, zero in rows that do not count.
+    /// S^-1 d, zero in unused rows.
     pub(crate) fn weights(&self) -> DVector<f64> {
         self.spread(&self.factor.unwhiten_transposed(&self.data))
     }
 
-    /// The one-step map of the whitened data: change of ln conductance of each triangle, with local change of this standard
-    /// deviation before the frame. Negative where conductance is lost.
+    /// The one-step map of the whitened data: change of ln conductance of each triangle, negative for a loss. `size`:
+    /// prior standard deviation of local change.
     ///
     /// # Errors
-    /// Never with a positive size.
+    /// None if `size` is positive.
     pub fn one_step(&self, model: &DriftModel, size: f64) -> Result<Vec<f64>, DriftError> {
         // S + size^2 X X' is factored: cheaper than whitening the sensitivity
         let n = self.rows.len();
@@ -144,7 +144,7 @@ impl Whitened {
         turned
     }
 
-    /// The same data with independent errors of these standard deviations added to the covariance.
+    /// The data with independent errors of these standard deviations added to the covariance.
     pub(crate) fn with_error(&self, deviations: &DVector<f64>) -> Result<Self, DriftError> {
         let mut covariance = self.factor.matrix();
         for (k, &row) in self.rows.iter().enumerate() {
@@ -158,7 +158,7 @@ impl Whitened {
         })
     }
 
-    /// Compares the data with discs on a grid: the largest improvement of chi squared, and the change it has.
+    /// Compares the data with discs on a grid: the disc with the largest improvement of chi squared.
     pub(crate) fn load_test(&self, model: &DriftModel) -> Option<LoadTest> {
         self.load_tests(model, 1).into_iter().next()
     }
@@ -169,7 +169,7 @@ impl Whitened {
     }
 }
 
-/// Whitened data of the load test's discs, with what is the same for all data.
+/// Whitened data of the load test's discs, with precomputed quantities that do not depend on the data.
 #[derive(Debug)]
 pub(crate) struct Atoms {
     columns: Rounded,
@@ -184,7 +184,7 @@ impl Atoms {
         }
     }
 
-    /// The places that explain whitened data best.
+    /// The places that explain the whitened data best.
     pub(crate) fn best(
         &self,
         data: &DVector<f64>,
@@ -196,7 +196,7 @@ impl Atoms {
     }
 }
 
-/// The best places that are at least 25 mm apart, from products of atoms with data and with themselves.
+/// The best places that are at least 25 mm apart, from the products of atoms with data and the squared atoms.
 pub(crate) fn places_by_score(
     model: &DriftModel,
     dots: &DVector<f64>,
@@ -212,7 +212,7 @@ pub(crate) fn places_by_score(
         .collect();
     let mut found: Vec<LoadTest> = Vec::new();
     while found.len() < most {
-        // places near one that was found count no more
+        // places near one that was already found are excluded
         let mut best = None;
         for (k, &score) in scores.iter().enumerate() {
             if score.is_finite() && best.is_none_or(|(_, other)| score > other) {
@@ -239,14 +239,14 @@ pub(crate) fn places_by_score(
     found
 }
 
-/// L^-1 a of one column with a value for each row of the factor.
+/// L^-1 a for one column with a value for each row of the factor.
 fn whiten(factor: &Definite, column: &DVector<f64>) -> DVector<f64> {
     let mut out = DMatrix::from_column_slice(column.len(), 1, column.as_slice());
     factor.whiten(&mut out);
     DVector::from_column_slice(out.as_slice())
 }
 
-/// The factor of a covariance of which only these rows count.
+/// Factors a covariance, using only these rows.
 pub(crate) fn factor(covariance: &DMatrix<f64>, rows: &[usize]) -> Result<Definite, DriftError> {
     let factor = match rows.len() == covariance.nrows() {
         true => Definite::new(covariance),

@@ -1,4 +1,4 @@
-//! The triangles of a sheet in squares, for fields and maps.
+//! Groups the triangles of a sheet into square cells, for fields and maps.
 
 use eit::Mesh;
 use nalgebra::DMatrix;
@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 /// Side of the cells of fields and maps, m.
 pub(crate) const PITCH_M: f64 = 7e-3;
 
-/// Triangles in squares.
+/// Triangles grouped into square cells.
 pub(crate) struct Cells {
     /// The cell of each triangle.
     pub(crate) of: Vec<usize>,
@@ -46,7 +46,8 @@ impl Cells {
         }
     }
 
-    /// Whether most of each cell's area is in a region: beside electrodes, local change is that of their contacts.
+    /// Whether most of each cell's area is in a region: beside the electrodes, local change is attributed to their
+    /// contacts.
     pub(crate) fn within(&self, region: &[usize], mesh: &Mesh) -> Vec<bool> {
         let mut inside = vec![0.0; self.centres.len()];
         for &triangle in region {
@@ -59,7 +60,7 @@ impl Cells {
         shares.map(|(inside, area)| *inside > 0.5 * area).collect()
     }
 
-    /// Columns of triangles summed to columns of cells.
+    /// Sums the columns of triangles to columns of cells.
     pub(crate) fn sum(&self, sensitivity: &DMatrix<f64>) -> DMatrix<f64> {
         let mut out = DMatrix::zeros(sensitivity.nrows(), self.centres.len());
         for (column, &cell) in sensitivity.column_iter().zip(&self.of) {
@@ -69,7 +70,7 @@ impl Cells {
         out
     }
 
-    /// Cells within a distance of a place, ascending.
+    /// Cells within a distance of a position, ascending.
     pub(crate) fn near(&self, place: [f64; 2], reach: f64) -> impl Iterator<Item = usize> + '_ {
         let centres = self.centres.iter().enumerate();
         centres.filter_map(move |(cell, at)| {

@@ -1,4 +1,4 @@
-//! Covariances of the readings' noise, of contacts to the second order, and of fields.
+//! Covariances of the readings' noise, of second-order contact effects, and of fields.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::model::Noise;
 use crate::pairs::Pairs;
 use crate::sheet::SheetFit;
 
-/// Deviation of ln contact at which the second order is drawn, and the number of draws.
+/// Standard deviation of ln contact impedance used to draw second-order effects, and the number of draws.
 pub(crate) const SECOND_ORDER_SD: f64 = 0.1;
 const DRAWS: usize = 240;
 
@@ -38,7 +38,7 @@ pub(crate) fn noise_covariance(pairs: &Pairs, ratios: &[f64], noise: Noise) -> D
     out + product(view(&emf), view(&emf.transpose()))
 }
 
-/// Covariance of what the first order of the contacts leaves, from nonlinear draws.
+/// Covariance of the contacts' effect beyond first order, from nonlinear draws.
 pub(crate) fn second_order(
     mesh: &Arc<Mesh>,
     fit: &SheetFit,
@@ -83,7 +83,7 @@ pub(crate) fn second_order(
     Ok(product(view(&left), view(&left.transpose())))
 }
 
-/// Correlation of a Matern field of smoothness 3/2.
+/// Correlation of a Matern field of smoothness 3/2 between all positions.
 pub(crate) fn matern(places: &[[f64; 2]], length: f64) -> DMatrix<f64> {
     DMatrix::from_fn(places.len(), places.len(), |i, j| {
         let (p, q) = (places[i], places[j]);

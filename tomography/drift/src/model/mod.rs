@@ -1,7 +1,7 @@
 //! The drift of one sheet as covariances of its relative data: noise, gain, contacts, smooth fields, local change.
 //!
-//! D(s) = gain^2 v v' + contact^2 C C' + (contact / 0.1)^4 N N' + field^2 F F' + local^2 X X'; C: first order of the contacts,
-//! N: what the first order leaves of contacts drawn at 10 %, F: Matern 80 mm, X: Matern 8 mm.
+//! D(s) = gain^2 v v' + contact^2 C C' + (contact / 0.1)^4 N N' + field^2 F F' + local^2 X X'; C: first order of the
+//! contacts, N: effect of contacts drawn at 10 % beyond first order, F: Matern 80 mm, X: Matern 8 mm.
 
 mod cells;
 mod covariances;
@@ -25,12 +25,12 @@ use crate::sizes::Sizes;
 /// Correlation lengths of smooth fields and of local change, m.
 const FIELD_M: f64 = 80e-3;
 const LOCAL_M: f64 = 8e-3;
-/// Distance of the load test's places, m, and its diameters, m.
+/// Grid spacing of the load test's places, m, and its diameters, m.
 const PLACES_M: f64 = 10e-3;
 const DIAMETERS_M: [f64; 2] = [20e-3, 50e-3];
 /// Factor of the contact impedance of an electrode that has lost its contact.
 const LOST: f64 = 1e6;
-/// Distance of the load test's places from the sheet's edge, m.
+/// Smallest distance of the load test's places from the sheet's edge, m.
 const EDGE_M: f64 = 12e-3;
 
 /// Noise of the instruments.
@@ -49,7 +49,7 @@ pub(crate) struct Place {
     pub(crate) diameter: f64,
 }
 
-/// One sheet with its first baseline, prepared once.
+/// One sheet with its first baseline; the constructor precomputes the covariances.
 pub struct DriftModel {
     pairs: Pairs,
     fit: SheetFit,
@@ -59,9 +59,9 @@ pub struct DriftModel {
     /// Derivative of the data by ln conductance of each triangle, V.
     sensitivity: DMatrix<f64>,
     cells: Cells,
-    /// The same by cell.
+    /// The same derivative by cell.
     by_cell: DMatrix<f64>,
-    /// Whether each cell is in the region, where loads are.
+    /// Whether each cell is in the region where loads are possible.
     within: Vec<bool>,
     /// Derivative of the data by ln contact impedance of each electrode, V.
     pub(crate) contacts: DMatrix<f64>,
@@ -72,25 +72,25 @@ pub struct DriftModel {
     pub(crate) local_gram: DMatrix<f64>,
     /// Prior covariance of local change times sensitivity: a row per cell.
     pub(crate) local_map: DMatrix<f64>,
-    /// The same of a smooth field, over the whole sheet.
+    /// Prior covariance of the smooth field times sensitivity, over the whole sheet: a row per cell.
     field_map: DMatrix<f64>,
     pub(crate) places: Vec<Place>,
-    /// Of the instruments.
+    /// Noise of the instruments.
     instruments: Noise,
-    /// Driven, A.
+    /// Injected current, A.
     current_a: f64,
     /// Row of each reading of the protocol.
     row_of: Vec<usize>,
-    /// Data of a disc at each place with all of its conductance changed by one unit of ln.
+    /// Change of the data caused by a disc at each place (column), per unit change of ln conductance.
     pub(crate) atoms: DMatrix<f64>,
     /// Voltage of each electrode (row) at 1 A from electrode e to e + 1 (column), V.
     pub(crate) potentials: DMatrix<f64>,
 }
 
 impl DriftModel {
-    /// Fits the sheet to the baseline and prepares the covariances. The fit is of the whole mesh, local change is within its
-    /// region; `contact_ohm_m` and `sigma0`
-    /// (S per square, one for each triangle) are the nominal sheet.
+    /// Fits the sheet to the baseline and computes the covariances. The whole mesh is fitted; local change is
+    /// restricted to its region. `contact_ohm_m` and `sigma0` (S per square, one per triangle) describe the nominal
+    /// sheet.
     ///
     /// # Errors
     /// A baseline with missing readings, or a sheet that cannot be solved.
@@ -179,8 +179,8 @@ impl DriftModel {
         Ok(model)
     }
 
-    /// The readings of the baseline after a change of the data, V (one for each pair): what a frame of a sheet that drifted so
-    /// is compared with.
+    /// The readings of the baseline after a change of the data, V (one per pair): the baseline for a frame of a sheet
+    /// with this drift.
     pub fn baseline_with(&self, change: &DVector<f64>) -> Vec<Reading> {
         let mut volts = self.baseline.clone();
         for (row, change) in change.iter().enumerate() {
@@ -220,7 +220,8 @@ impl DriftModel {
         &self.baseline
     }
 
-    /// Derivative of the data (row) by ln conductance of each triangle of [`DriftModel::mesh`] (column), V.
+    /// Derivative of the data (row) with respect to ln conductance of each triangle of [`DriftModel::mesh`] (column),
+    /// V.
     pub fn sensitivity(&self) -> &DMatrix<f64> {
         &self.sensitivity
     }
@@ -230,12 +231,12 @@ impl DriftModel {
         &self.cells.of
     }
 
-    /// Derivative of the data (row) by ln conductance of each cell (column), V.
+    /// Derivative of the data (row) with respect to ln conductance of each cell (column), V.
     pub fn cell_sensitivity(&self) -> &DMatrix<f64> {
         &self.by_cell
     }
 
-    /// Cells in the region that are less than this far from one of these, m, ascending.
+    /// Cells in the region that are less than `reach` (m) away from one of these cells, ascending.
     pub(crate) fn cells_around(&self, of: &[usize], reach: f64) -> Vec<usize> {
         let mut out: Vec<usize> = of
             .iter()
@@ -247,14 +248,15 @@ impl DriftModel {
         out
     }
 
-    /// Correlation of local change of these cells.
+    /// Correlation of local change between these cells.
     pub(crate) fn local_correlation(&self, of: &[usize]) -> DMatrix<f64> {
         let centres: Vec<[f64; 2]> = of.iter().map(|&cell| self.cells.centres[cell]).collect();
         matern(&centres, LOCAL_M)
     }
 
-    /// Change of the data by an electrode that loses its contact, V: when all of it is lost, and by unit change of the logarithm of its
-    /// impedance. Other electrodes see it too, because current no longer takes the short way through the electrode's metal.
+    /// Change of the data caused by an electrode that loses its contact, V: for a complete loss, and per unit change of
+    /// the logarithm of its impedance. Readings of other electrodes change too, because current no longer flows through
+    /// the electrode's metal.
     ///
     /// # Errors
     /// A sheet that cannot be solved.
@@ -271,8 +273,8 @@ impl DriftModel {
         Ok(DMatrix::from_columns(&[lost, little]))
     }
 
-    /// The linear model about a sheet that changed by this (ln conductance, by cell): the data at no change, V, and their
-    /// derivative by ln conductance of each cell (column), V.
+    /// The model linearised about a sheet with this change (ln conductance, by cell): its data extrapolated to zero
+    /// change, V, and their derivative with respect to ln conductance of each cell (column), V.
     ///
     /// # Errors
     /// A sheet that cannot be solved.
@@ -298,7 +300,7 @@ impl DriftModel {
         &self.noise
     }
 
-    /// D(s), V2; `sizes.local` is that of local change.
+    /// D(s), V2.
     pub fn drift(&self, sizes: &Sizes) -> DMatrix<f64> {
         let v = &self.fit.readings;
         let mut out = (v * v.transpose()) * sizes.gain.powi(2);
@@ -315,12 +317,13 @@ impl DriftModel {
         out
     }
 
-    /// Change of the data by a disc (centre and diameter, m) of unit change of ln conductance, linear (Born), V.
+    /// Change of the data caused by a disc (centre and diameter, m), per unit change of ln conductance, linear (Born),
+    /// V.
     pub fn disc(&self, centre: [f64; 2], diameter: f64) -> DVector<f64> {
         self.ellipse(centre, diameter, [0.0; 2])
     }
 
-    /// The same by an ellipse of a disc's area, stretched as [`unstretched`] takes it.
+    /// Change of the data caused by an ellipse with the area of the disc, stretched as defined by [`unstretched`].
     pub(crate) fn ellipse(
         &self,
         centre: [f64; 2],
@@ -334,7 +337,7 @@ impl DriftModel {
         out
     }
 
-    /// The same by a disc, for some rows alone.
+    /// Change of the data caused by a disc, for these rows only.
     pub(crate) fn disc_in(&self, centre: [f64; 2], diameter: f64, rows: &[usize]) -> DVector<f64> {
         let mut out = DVector::zeros(rows.len());
         for (triangle, share) in self.covered(centre, 0.5 * diameter) {
@@ -356,12 +359,13 @@ impl DriftModel {
         self.row_of[reading]
     }
 
-    /// Change of one reading since the first baseline, in the scale of the model's readings, V.
+    /// Change of one reading since the first baseline, scaled to the model's readings, V.
     pub(crate) fn change_of(&self, reading: usize, volts: f64) -> f64 {
         self.ratios[reading] * (volts - self.baseline[reading])
     }
 
-    /// Covariance of the noise of two readings, V2: white noise of a reading with itself (`same`), thermal voltages of a pair.
+    /// Covariance of the noise of two readings, V2: white noise of a reading with itself (`same`), thermal voltage of a
+    /// sensing pair.
     pub(crate) fn noise_between(&self, a: usize, b: usize, same: bool) -> f64 {
         let both = self.ratios[a] * self.ratios[b];
         let measurements = self.pairs.protocol().measurements();
@@ -377,12 +381,12 @@ impl DriftModel {
         both * (white + thermal)
     }
 
-    /// Share of each triangle that a disc covers, where it covers any.
+    /// Share of each triangle that a disc covers; triangles that are not covered are omitted.
     fn covered(&self, centre: [f64; 2], radius: f64) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.covered_by_ellipse(centre, radius, [0.0; 2])
     }
 
-    /// The same of a disc that is stretched at the same area, as [`unstretched`] takes it.
+    /// The covered shares for a disc that is stretched at constant area, as defined by [`unstretched`].
     fn covered_by_ellipse(
         &self,
         centre: [f64; 2],
@@ -404,13 +408,14 @@ impl DriftModel {
             })
     }
 
-    /// The map whose data are the covariance of local change times these weights: a value of ln conductance per triangle.
+    /// The map of local change for these weights of the data: prior covariance times weights, ln conductance of each
+    /// triangle.
     pub(crate) fn local_map(&self, weights: &DVector<f64>) -> Vec<f64> {
         let cells = &self.local_map * weights;
         self.cells.of.iter().map(|&cell| cells[cell]).collect()
     }
 
-    /// The same of a smooth field, by cell.
+    /// The smooth field for these weights of the data, by cell.
     pub(crate) fn field_by_cell(&self, weights: &DVector<f64>) -> DVector<f64> {
         &self.field_map * weights
     }
@@ -445,7 +450,7 @@ impl DriftModel {
     }
 }
 
-/// Derivative of the data by ln conductance of each triangle, V.
+/// Derivative of the data with respect to ln conductance of each triangle, V.
 fn by_triangle(
     forward: &Forward,
     sigma: &[f64],

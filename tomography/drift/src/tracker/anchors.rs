@@ -1,4 +1,5 @@
-//! Baselines kept from a day, a week and a month ago: what changed too slowly for the tracked baseline shows against them.
+//! Anchors: baselines kept from a day, a week and a month ago. They show changes that are too slow to show against the
+//! tracked baseline.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -8,28 +9,28 @@ use crate::basis::Basis;
 use crate::model::DriftModel;
 use crate::whitened::LOADED;
 
-/// Ages of the anchors that are compared, days.
+/// Ages of the anchors that a frame is compared with, days.
 const AGES: [f64; 3] = [1.0, 7.0, 30.0];
-/// Age of the one that tells a load from age, days: over a week a crack changes as much as a load.
+/// Age of the anchor used to distinguish a load from ageing, days: over a week a crack changes as much as a load.
 const LOAD_AGE: f64 = 1.0;
-/// Age beyond which it tells nothing any more, days: while a load lies there, no later baseline is kept.
+/// Largest age at which that anchor is used, days: while the sheet is loaded, no later baseline is kept.
 const LOAD_OLDEST: f64 = 2.0;
 /// Age at which an anchor is dropped, days.
 const OLDEST: f64 = 31.0;
-/// Pace of ageing, in units of the pace that the sheet has, that a slow loss must exceed to be a load.
+/// A slow loss counts as a load if it exceeds the drift at this multiple of the sheet's pace of ageing.
 const LOAD_PACE: f64 = 3.0;
 const DAY_S: f64 = 86_400.0;
 
-/// A place that changed slowly: a load or age, which readings cannot tell apart.
+/// A slow change at a position: a load or ageing, which readings cannot distinguish.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AnchorAlarm {
-    /// Age of the baseline that shows it, days.
+    /// Age of the anchor that shows the change, days.
     pub age_days: f64,
     /// Centre of the best disc of 20 or 50 mm, m.
     pub centre: [f64; 2],
-    /// Its diameter, m.
+    /// Diameter of the disc, m.
     pub diameter: f64,
-    /// Change of ln conductance in it.
+    /// Change of ln conductance in the disc.
     pub change: f64,
     /// Improvement of chi squared.
     pub score: f64,
@@ -50,12 +51,12 @@ struct Anchor {
 }
 
 impl Anchors {
-    /// Whether they are of data of this many rows.
+    /// Whether all anchors have this number of rows.
     pub(super) fn fits(&self, rows: usize) -> bool {
         self.kept.iter().all(|anchor| anchor.baseline.len() == rows)
     }
 
-    /// Keeps a baseline once a day.
+    /// Keeps a baseline as an anchor, at most once a day.
     pub(crate) fn keep(&mut self, baseline: &DVector<f64>, at_s: f64) {
         if self
             .kept
@@ -72,14 +73,14 @@ impl Anchors {
             .retain(|anchor| at_s - anchor.at_s <= OLDEST * DAY_S);
     }
 
-    /// The clock was set back to this time: baselines that were kept later are of this time at the latest.
+    /// The clock was set back to this time: the times of later anchors are limited to it.
     pub(super) fn set_back(&mut self, at_s: f64) {
         for anchor in &mut self.kept {
             anchor.at_s = anchor.at_s.min(at_s);
         }
     }
 
-    /// The strongest alarm of a frame without known load.
+    /// The strongest alarm of a frame without a known load.
     pub(crate) fn alarm(
         &self,
         model: &DriftModel,
@@ -92,8 +93,8 @@ impl Anchors {
         strongest.map(|(_, alarm)| alarm)
     }
 
-    /// A loss since one of the baselines that would be a load even if the sheet aged [`LOAD_PACE`] times as fast as it does: the
-    /// baseline and its time, s. Later ones hold a part of the load and are dropped.
+    /// A loss since an anchor that would be a load even if the sheet aged [`LOAD_PACE`] times as fast as it does.
+    /// Returns the anchor's baseline and its time, s. Later anchors contain a part of the load and are dropped.
     pub(crate) fn load(
         &mut self,
         model: &DriftModel,

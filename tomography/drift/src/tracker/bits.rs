@@ -1,10 +1,11 @@
-//! Numbers of a stored state as hexadecimal digits of their bits: read back exactly, in any text format.
+//! Serializes numbers of a stored state as the hexadecimal digits of their bits, so that any text format restores them
+//! exactly.
 
 use serde::{Deserialize, Deserializer, Serializer, de::Error};
 
 const DIGITS: usize = 16;
 
-/// Writes them.
+/// Writes the numbers.
 ///
 /// # Errors
 /// Those of the serializer.
@@ -16,10 +17,10 @@ pub fn serialize<S: Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, 
     serializer.serialize_str(&text)
 }
 
-/// Reads them.
+/// Reads the numbers.
 ///
 /// # Errors
-/// A text that is no sequence of such numbers.
+/// The text is not a sequence of such numbers.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
     let text = String::deserialize(deserializer)?;
     if !text.is_ascii() || text.len() % DIGITS != 0 {
@@ -41,7 +42,7 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64
 pub mod number {
     use serde::{Deserializer, Serializer, de::Error};
 
-    /// Writes it.
+    /// Writes the number.
     ///
     /// # Errors
     /// Those of the serializer.
@@ -49,10 +50,10 @@ pub mod number {
         super::serialize(std::slice::from_ref(value), serializer)
     }
 
-    /// Reads it.
+    /// Reads the number.
     ///
     /// # Errors
-    /// A text of another length, or other characters.
+    /// The text has another length or contains other characters.
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
         match super::deserialize(deserializer)?.as_slice() {
             [value] => Ok(*value),
@@ -61,11 +62,11 @@ pub mod number {
     }
 }
 
-/// One number or none.
+/// One optional number.
 pub mod option {
     use serde::{Deserializer, Serializer, de::Error};
 
-    /// Writes it.
+    /// Writes the number, if any.
     ///
     /// # Errors
     /// Those of the serializer.
@@ -73,10 +74,10 @@ pub mod option {
         super::serialize(value.as_slice(), serializer)
     }
 
-    /// Reads it.
+    /// Reads the number, if any.
     ///
     /// # Errors
-    /// A text of another length, or other characters.
+    /// The text has another length or contains other characters.
     pub fn deserialize<'de, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<Option<f64>, D::Error> {

@@ -1,4 +1,4 @@
-//! How exactly a frame tells the map that is compared with the tracked baseline.
+//! Uncertainty of the map relative to the tracked baseline.
 
 use super::Tracker;
 use crate::DriftError;
@@ -6,9 +6,10 @@ use crate::evidence::MapDeviation;
 use crate::whitened::LOADED;
 
 impl Tracker {
-    /// How exactly the last frame tells the map relative to the sheet without its load: the posterior of local change, with noise and the
-    /// error of the tracked baseline as errors of the data. Before the frame, local change has the size of the disc that explains
-    /// most of it, because what lies there may be as large elsewhere. The sizes of the drift are those that are tracked.
+    /// Uncertainty of the last frame's map relative to the sheet without load: the posterior of local change, with
+    /// noise and the error of the tracked baseline as errors of the data. The prior standard deviation of local change
+    /// is the largest change that the load of this frame may have, because an equal change may exist elsewhere. The
+    /// drift has the tracked sizes.
     ///
     /// # Errors
     /// No frame yet, or a covariance that cannot be factored.
@@ -17,7 +18,7 @@ impl Tracker {
         let tests = white.load_tests(&self.model, 3);
         let is_loaded = self.state.ledger.loaded();
         let load = match tests.first() {
-            // what lies there for days may be hidden by the drift since then
+            // the drift since then may hide a load that has been on the sheet for days
             Some(best) if is_loaded || best.score > LOADED => {
                 let (_, change) = white.fit_disc_and_change(&self.model, &tests)?;
                 change

@@ -1,4 +1,4 @@
-//! The load after each injection of the frame that is being measured, relative to the tracked baseline.
+//! The load after each injection of the frame in progress, relative to the tracked baseline.
 
 use crate::DriftError;
 use crate::disc::{Injection, MovingLoad};
@@ -6,8 +6,8 @@ use crate::disc::{Injection, MovingLoad};
 use super::{DAY_S, MOST_MASKED, Tracker};
 
 impl Tracker {
-    /// The load after the last of these injections, which are in their order, at `at_s` (s, on the clock of the frames); `None` if the
-    /// readings agree with an empty sheet. Nothing is learnt from it.
+    /// The load after the last of these injections, which are in order of time; the last was at `at_s` (s, on the clock
+    /// of the frames). `None` if the readings agree with an empty sheet. The tracker learns nothing from it.
     ///
     /// # Errors
     /// As [`crate::DriftModel::moving_load`].
@@ -33,7 +33,7 @@ impl Tracker {
             .moving_load(&kept, &self.state.baseline(), &covariance)
     }
 
-    /// Whether too many electrodes are faulty for any answer.
+    /// Whether so many electrodes are faulty that frames cannot be judged.
     pub fn is_blind(&self) -> bool {
         self.state.masked().len() > MOST_MASKED
     }

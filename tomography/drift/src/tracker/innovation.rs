@@ -1,4 +1,4 @@
-//! The covariance of an innovation, and what one frame shows against it: events, and faults of electrodes.
+//! The covariance of an innovation, and the tests of one frame against it: events, and faults of electrodes.
 
 use std::sync::{Arc, OnceLock};
 
@@ -12,18 +12,19 @@ use crate::basis::PER_DAY;
 use crate::electrodes::{Allowed, ElectrodeFault};
 use crate::whitened::{Atoms, LOADED, LoadTest, Whitened, factor};
 
-/// Chi squared per row, of the readings of an electrode that was faulty, up to which it is healthy: they agree with those of the others
-/// within twice the deviation, also where the pace is not learnt yet.
+/// An electrode that was faulty counts as healthy again if chi squared per row of its readings is at most this: they
+/// then agree with the other readings within twice the standard deviation, even before the pace is learnt.
 const HEALTHY: f64 = 4.0;
 
-/// Standard deviation of the logarithm of a contact that was masked for any time: contacts wander about a mean.
+/// Standard deviation of the logarithm of the contact impedance of an electrode that was masked for any time: contacts
+/// vary about a mean.
 pub(super) const CONTACT_SD: f64 = 0.4;
 
-/// A frame on its way.
+/// A frame being processed.
 pub(super) struct Frame {
     /// Change since the first baseline, V.
     pub(super) data: DVector<f64>,
-    /// The same in the coordinates of the basis.
+    /// The change since the first baseline in the coordinates of the basis.
     pub(super) in_basis: DVector<f64>,
     /// Change since the tracked baseline, V.
     pub(super) e: DVector<f64>,
@@ -31,14 +32,14 @@ pub(super) struct Frame {
     pub(super) step: Option<DVector<f64>>,
     /// Usable rows.
     pub(super) rows: Vec<usize>,
-    /// Those that the last frame has too: the others have no step.
+    /// Usable rows of this frame that were also usable in the last frame; the step is defined only for these.
     pub(super) step_rows: Vec<usize>,
     /// Days since the last frame.
     pub(super) days: f64,
 }
 
 impl Frame {
-    /// Clears what the rows that do not count say.
+    /// Sets the innovation to zero in rows that are not usable, and the step in rows that have none.
     pub(super) fn clear_lost_rows(&mut self) {
         for row in 0..self.e.len() {
             if self.rows.binary_search(&row).is_err() {
@@ -62,15 +63,15 @@ pub(super) struct Steady {
     pub(super) covariance: DMatrix<f64>,
     pub(super) factor: Arc<Definite>,
     pub(super) atoms: Atoms,
-    /// For the test of electrodes, once it is needed.
+    /// Test of the electrodes; computed when it is first needed.
     allowed: OnceLock<Allowed>,
     gain: OnceLock<DMatrix<f64>>,
-    /// The same in single precision: half the memory for each frame.
+    /// `gain` in single precision: half the memory traffic per frame.
     single_gain: OnceLock<DMatrix<f32>>,
 }
 
 impl Steady {
-    /// What whitened data correct in the state.
+    /// The correction of the state by whitened data.
     pub(super) fn correction(&self, white: &DVector<f64>) -> DVector<f64> {
         let gain = self
             .single_gain
@@ -78,7 +79,7 @@ impl Steady {
         DVector::from_vec(times(gain, white))
     }
 
-    /// P L'^-1 of the rows that count. Computed once.
+    /// The gain P L'^-1, restricted to the usable rows; computed once.
     fn gain(&self) -> &DMatrix<f64> {
         self.gain.get_or_init(|| {
             let mut half = match self.rows.len() == self.predicted.nrows() {
@@ -90,7 +91,7 @@ impl Steady {
         })
     }
 
-    /// P - P S^-1 P of the rows that count.
+    /// The corrected covariance P - P S^-1 P, using only the usable rows.
     pub(super) fn corrected(&self) -> DMatrix<f64> {
         let gain = view(self.gain());
         let mut out = &self.predicted - product(gain, gain.transpose());
@@ -108,7 +109,7 @@ impl Tracker {
         covariance
     }
 
-    /// A step from the last frame, if it is larger than noise and drift.
+    /// The step from the last frame, if it exceeds noise and drift.
     pub(super) fn event(&mut self, frame: &Frame) -> Result<Option<LoadTest>, DriftError> {
         let Some(step) = &frame.step else {
             return Ok(None);
@@ -138,8 +139,8 @@ impl Tracker {
         Ok(tests.into_iter().next().filter(|test| test.score > LOADED))
     }
 
-    /// The covariance of the tracked baseline after this time. What a masked electrode's contact drifts by is no part of it: it has a bound
-    /// ([`CONTACT_SD`]), which counts when the electrode is judged and used again.
+    /// The covariance of the tracked baseline after this time. The drift of a masked electrode's contact is not
+    /// included: it is bounded by [`CONTACT_SD`], which is added when the electrode is judged and used again.
     pub(super) fn predicted(&self, days: f64) -> DMatrix<f64> {
         let rate = self.state.pace.pace.powi(2) * days;
         let mut out = self.state.covariance() + &self.prepared.per_day * rate;
@@ -149,7 +150,7 @@ impl Tracker {
         out
     }
 
-    /// The covariance of the data where the logarithm of this contact has this standard deviation.
+    /// The covariance of the data if the logarithm of this contact impedance has this standard deviation.
     pub(super) fn of_contact(&self, electrode: usize, deviation: f64) -> DMatrix<f64> {
         let column = self.model.contacts.column(electrode) * deviation;
         &column * column.transpose()
@@ -158,7 +159,7 @@ impl Tracker {
     /// The covariance of the innovation after this time.
     pub(super) fn innovation(&self, days: f64, rows: &[usize]) -> Result<Arc<Steady>, DriftError> {
         let pace = self.state.pace.pace;
-        // intervals that differ little share a covariance, so that it can be kept
+        // intervals that differ little share one covariance, so that it can be reused
         let days = match self.state.kept_days {
             Some(kept) if (days - kept).abs() <= SAME_INTERVAL * kept => kept,
             _ => days,
@@ -192,14 +193,14 @@ impl Tracker {
         }))
     }
 
-    /// The covariance of a frame without load about the tracked baseline, whose own is `of_baseline`.
+    /// The covariance of a frame without load about the tracked baseline, whose covariance is `of_baseline`.
     pub(super) fn of_frame(&self, of_baseline: &DMatrix<f64>) -> DMatrix<f64> {
         let mut covariance = of_baseline + &self.model.noise;
         self.allow_lost_contacts(&mut covariance, None);
         covariance
     }
 
-    /// Those of the rows of a frame that the last frame has too; none if no step can be taken from it.
+    /// The rows that were also usable in the last frame; none if there is no last frame to compute a step from.
     pub(super) fn step_rows(&self, rows: &[usize]) -> Vec<usize> {
         let state = &self.state;
         let has =
@@ -212,7 +213,7 @@ impl Tracker {
         self.prepared.check.without(rows, &self.state.masked())
     }
 
-    /// The masked electrodes whose own readings do not agree with those of the others yet. `rows`: those with a value.
+    /// The masked electrodes whose readings do not agree with the other readings yet. `rows`: the rows with a value.
     pub(super) fn still_ill(
         &self,
         frame: &Frame,
@@ -236,7 +237,7 @@ impl Tracker {
             self.allow_lost_contacts(&mut covariance, Some(electrode));
             let ordered = covariance.select_rows(&order).select_columns(&order);
             let factor = Definite::new(&ordered).ok_or(DriftError::Covariance)?;
-            // the last rows are whitened by what the rows before leave unknown of them
+            // the last rows are whitened conditionally on the preceding rows
             let whitened = |data: &dyn Fn(usize) -> f64| {
                 let mut white = DMatrix::from_fn(order.len(), 1, |row, _| data(order[row]));
                 factor.whiten(&mut white);
@@ -245,7 +246,8 @@ impl Tracker {
             let white = whitened(&|row| frame.e[row]);
             let own = white.rows_range(without.len()..);
             let agrees = !own.is_empty() && own.norm_squared() <= HEALTHY * own.len() as f64;
-            // after weeks so much is unknown that the readings of a lost contact agree too, but better with its loss
+            // after weeks the covariance is so large that readings of a lost contact agree too; the lost contact then
+            // fits better
             let lost = self.lost_contacts.get(&electrode);
             let is_lost = lost.is_some_and(|lost| {
                 let lost = whitened(&|row| lost[(row, 0)]);
@@ -258,8 +260,8 @@ impl Tracker {
         Ok(ill)
     }
 
-    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before. `white`: the innovation,
-    /// whitened.
+    /// The fault that a frame shows relative to the tracked baseline, or, while loaded, relative to the previous frame.
+    /// `white`: the whitened innovation.
     pub(super) fn fault(
         &self,
         readings: &[Reading],

@@ -1,4 +1,4 @@
-//! What a frame is, and what is learnt from it: on a sheet that was empty, and on one on which something lay.
+//! Judges a frame and updates the state: on a sheet that was empty, and on a sheet that was loaded.
 
 use std::sync::Arc;
 
@@ -10,22 +10,23 @@ use crate::DriftError;
 use crate::disc::DiscFit;
 use crate::whitened::{LOADED, LoadTest, Whitened};
 
-/// Frames without load after which the covariance is kept, and frames after which it is renewed.
+/// Number of frames without load after which the covariance is reused, and after which it is recomputed.
 const STEADY_AFTER: u32 = 12;
 const RENEWED_EVERY: u32 = 24;
 /// Frames between tests whether a loaded sheet is empty again, and between comparisons with anchors.
 const TEST_EVERY: u32 = 6;
-/// Range of chi squared per row of frames without load that agrees with the assumed drift.
+/// Range of chi squared per row in which frames without load agree with the assumed drift.
 const AGREES: [f64; 2] = [0.7, 1.5];
-/// Share of the largest signal of a load below which a step back means that it went; foam recovers from the rest.
+/// After a step back, the load counts as removed if less than this share of its largest signal remains; the rest is
+/// recovery of the foam.
 const HALF_GONE: f64 = 0.5;
-/// Share of the square of what came with two frames that one disc explains if it is one load.
+/// Two frames show one load if one disc explains at least this share of the square of their change.
 const ONE_LOAD: f64 = 0.95;
-/// Factor of the rest of a load whose local change is allowed for after its release.
+/// Factor of the remaining change at the release of a load; local change of this size is allowed for afterwards.
 const REST_ALLOWED: f64 = 3.0;
 
 impl Tracker {
-    /// A frame of a sheet that was empty before.
+    /// Judges a frame of a sheet that was empty before.
     pub(super) fn maybe_empty(
         &mut self,
         answer: &mut Answer,
@@ -66,7 +67,7 @@ impl Tracker {
         answer.judgement = Judgement::Empty;
         answer.agrees = answer.chi.map(|chi| (AGREES[0]..=AGREES[1]).contains(&chi));
         if let Some(test) = above {
-            // conductance that was regained: something that had been learnt as the sheet was taken away
+            // conductance was regained: a load that had been learnt as drift was removed
             self.predict(now);
             self.allow_local(test.change.abs());
             let now = self.innovation(0.0, &frame.rows)?;
@@ -80,8 +81,8 @@ impl Tracker {
         Ok(())
     }
 
-    /// What rises more slowly than the tracked baseline follows is a load if it rises faster than the sheet may age: then the baseline
-    /// is again that of the past, and nothing is learnt until the load is gone.
+    /// A change too slow to show against the tracked baseline is a load if it is faster than the sheet may age. The
+    /// tracked baseline is then reset to the anchor, and nothing is learnt until the load is removed.
     fn maybe_loaded_slowly(&mut self, answer: &mut Answer, frame: &Frame) {
         let (pace, at_s) = (self.state.pace.pace, self.state.at_s);
         let basis = &self.prepared.basis;
@@ -105,12 +106,12 @@ impl Tracker {
         answer.since_empty_s = at_s - kept_s;
     }
 
-    /// Corrects the state by a frame without load, whose innovation is `white`.
+    /// Corrects the state by a frame without load; `white` is its whitened innovation.
     fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>, white: &Whitened) {
         self.state.correct(&now.correction(white.data()));
         let complete = frame.rows.len() == self.prepared.rows.len();
         let (run, at_s) = (self.state.run, self.state.at_s);
-        // what lost rows do not show grows with each frame
+        // the uncertainty of rows without readings grows with each frame
         let renewed =
             !complete || run >= STEADY_AFTER && (run - STEADY_AFTER).is_multiple_of(RENEWED_EVERY);
         if run >= STEADY_AFTER && !renewed && self.state.kept_days == Some(now.days) {
@@ -144,7 +145,7 @@ impl Tracker {
         self.state.anchors.keep(&baseline, at_s);
     }
 
-    /// A frame of a sheet on which something lay.
+    /// Judges a frame of a sheet that was loaded before.
     pub(super) fn loaded(
         &mut self,
         answer: &mut Answer,
@@ -183,7 +184,7 @@ impl Tracker {
                     let white = Whitened::with(Arc::clone(&now.factor), off, &frame.rows);
                     white.data().norm_squared()
                 });
-                // a rest that recovers is no load that goes
+                // recovery of the rest is not the removal of a load
                 let all_went = back_to_empty && frame.e.norm() < HALF_GONE * ledger.peak().norm();
                 let fewer = ledger.loads() < loads;
                 let same = !(fewer || (all_went && !ledger.rest));
@@ -229,8 +230,8 @@ impl Tracker {
         Ok(())
     }
 
-    /// What came with this frame and the one before as one disc, which came while that one was measured: each of the two shows
-    /// a part of it, as if at another place. `None` if one disc does not explain it.
+    /// Fits the change in this frame and the previous one by one disc. A load that came during the previous frame
+    /// appears in part in each of them, as if at different positions. `None` if one disc does not explain the change.
     fn as_one_load(&self, frame: &Frame, white: &Whitened) -> Result<Option<DiscFit>, DriftError> {
         let fitted = |white: &Whitened| -> Result<Option<DiscFit>, DriftError> {
             let fit = white.fit_disc(&self.model)?;
@@ -247,8 +248,9 @@ impl Tracker {
         }
     }
 
-    /// A "load" may be drift that is faster than assumed: takes the lowest higher pace at which the frame agrees with an empty
-    /// sheet and is more probable than with a disc at the present pace, and learns. True if there is one.
+    /// A detected load may be drift that is faster than assumed. Searches the lowest higher pace at which the frame
+    /// agrees with an empty sheet and is more probable than with a disc at the present pace; if there is one, adopts
+    /// it, learns from the frame and returns true.
     fn leave_lock_out(&mut self, answer: &mut Answer, frame: &Frame) -> Result<bool, DriftError> {
         let before = self.state.clone();
         let now = self.innovation(0.0, &frame.rows)?;
@@ -276,21 +278,21 @@ impl Tracker {
         Ok(false)
     }
 
-    /// The best disc of the load test, and the innovation whitened.
+    /// The best disc of the load test, and the whitened innovation.
     fn best_disc(&self, frame: &Frame, now: &Steady) -> (Option<LoadTest>, Whitened) {
         let white = whitened(now, frame);
         let found = now.atoms.best(white.data(), &self.model, 1);
         (found.first().copied(), white)
     }
 
-    /// Time has passed without learning.
+    /// Advances the covariance over the elapsed time without learning.
     pub(super) fn predict(&mut self, now: &Steady) {
         self.state.set_covariance(&now.predicted);
         self.state.restart();
         self.steady = None;
     }
 
-    /// Local change of this standard deviation may have happened.
+    /// Adds local change of this standard deviation to the covariance.
     fn allow_local(&mut self, size: f64) {
         self.state
             .add_covariance(&self.model.local_gram, size * size);

@@ -1,4 +1,4 @@
-//! Whether the sheet is loaded: a ledger of what lay on it before each load came, and rules for its release.
+//! Load state of the sheet: a ledger with the innovation before each load came, and rules for the release of loads.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -6,26 +6,28 @@ use serde::{Deserialize, Serialize};
 use super::bits;
 use crate::disc::Disc;
 
-/// Share of the largest signal of a load below which its rest is set, creep and ageing, not a load.
+/// Share of a load's largest signal below which the remaining signal is attributed to compression set, creep and
+/// ageing, not to a load.
 pub(crate) const REST: f64 = 0.02;
 
-/// What lies on the sheet.
+/// The loads on the sheet.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Ledger {
-    /// Innovations before each load that lies there came; the lowest is that of the empty sheet. Empty without a load.
+    /// The innovation before each present load came; the first entry is that of the empty sheet. No entries without a
+    /// load.
     entries: Vec<Entry>,
     /// Innovation of the largest load since the sheet was empty.
     #[serde(with = "bits")]
     peak: Vec<f64>,
-    /// Whether the present load came by a step, not by degrees.
+    /// Whether the present load came by a step, not gradually.
     pub(crate) by_event: bool,
-    /// Whether all loads went, and what is left is their rest.
+    /// Whether all loads were removed and only their remaining signal is left.
     pub(crate) rest: bool,
-    /// Whether a load came with the frame before that is not known to be a disc: perhaps while that frame was measured, so that the
-    /// rest of it comes now.
+    /// Whether a load came with the previous frame and is not confirmed as a disc: it may have come during that frame,
+    /// so that the rest of its change appears in this frame.
     #[serde(default)]
     pub(crate) comes: bool,
-    /// Whether a person said that something lies there: only a person releases it.
+    /// Whether a user declared the sheet loaded: only a user's order releases it.
     #[serde(default)]
     pub(crate) held: bool,
 }
@@ -34,28 +36,28 @@ pub(crate) struct Ledger {
 struct Entry {
     #[serde(with = "bits")]
     before: Vec<f64>,
-    /// Where its load lies; `None` if that came by degrees.
+    /// Position of the load; `None` if the load came gradually.
     place: Option<Disc>,
 }
 
 impl Ledger {
-    /// Whether it is of data of this many rows.
+    /// Whether all entries have this number of rows.
     pub(super) fn fits(&self, rows: usize) -> bool {
         let entries = self.entries.iter().all(|entry| entry.before.len() == rows);
         entries && [0, rows].contains(&self.peak.len())
     }
 
-    /// Whether something lies on the sheet.
+    /// Whether the sheet is loaded.
     pub(crate) fn loaded(&self) -> bool {
         !self.entries.is_empty()
     }
 
-    /// Loads that lie there.
+    /// Number of loads on the sheet.
     pub(crate) fn loads(&self) -> usize {
         self.entries.len()
     }
 
-    /// The sheet was empty and is loaded.
+    /// The sheet was empty and is now loaded.
     pub(crate) fn begin(&mut self, rows: usize, by_event: bool) {
         self.entries = vec![Entry {
             before: vec![0.0; rows],
@@ -71,14 +73,15 @@ impl Ledger {
         Some(DVector::from_column_slice(&last.before))
     }
 
-    /// The place of the load that came last.
+    /// Sets the position of the load that came last.
     pub(crate) fn lies_at(&mut self, place: Disc) {
         if let Some(last) = self.entries.last_mut() {
             last.place = Some(place);
         }
     }
 
-    /// A load grew or moved, if it lies where conductance was lost: foam creeps under a load. False if no load lies there.
+    /// Conductance was lost at this position: if a load is there, it grew or moved (foam creeps under a load), and its
+    /// position is updated. False if no load is there.
     pub(crate) fn grew(&mut self, at: Disc) -> bool {
         let own = self.entries.iter_mut().find_map(|entry| {
             let place = entry.place.as_mut()?;
@@ -103,7 +106,8 @@ impl Ledger {
         (self.by_event, self.rest) = (true, false);
     }
 
-    /// A load went: drops what lay above the entry that is nearest to the present innovation. True if that is the empty sheet's.
+    /// A load was removed: drops the entries from the one nearest to the present innovation on, but keeps the first.
+    /// True if the nearest entry is that of the empty sheet.
     pub(crate) fn went(
         &mut self,
         now: &DVector<f64>,
@@ -121,12 +125,12 @@ impl Ledger {
             })
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map_or(0, |(k, _)| k);
-        // the state of entry k is the present one: what lay under it remains to be released
+        // the present state is that before load `nearest` came: the earlier loads remain to be released
         self.entries.truncate(nearest.max(1));
         nearest == 0
     }
 
-    /// Remembers the largest load.
+    /// Updates the innovation of the largest load.
     pub(crate) fn follow(&mut self, now: &DVector<f64>) {
         let size: f64 = self.peak.iter().map(|value| value * value).sum();
         if now.norm_squared() > size {
@@ -166,7 +170,7 @@ mod tests {
             "it creeps, and moves"
         );
         assert!(!ledger.grew(disc(0.15)));
-        ledger.came(&vector(1.0), disc(0.15)); // a weight lay there when the night's load came
+        ledger.came(&vector(1.0), disc(0.15)); // a weight was on the sheet when this load came
         assert_eq!(ledger.loads(), 2);
         assert!(!ledger.went(&vector(1.1), distance));
         assert_eq!(ledger.loads(), 1);

@@ -1,8 +1,8 @@
-//! The baseline followed through time: a state in data space (299 values and their covariance), learnt only from frames
+//! Tracks the baseline over time: a state in data space (299 values and their covariance), learnt only from frames
 //! without load.
 //!
-//! Between frames the covariance grows by the drift; a frame without load corrects the state; a load stops the learning until it
-//! is taken away. Steps from one frame to the next tell when a load came or went, without any baseline.
+//! Between frames the covariance grows by the drift. A frame without load corrects the state; learning stops while the
+//! sheet is loaded. Steps from one frame to the next show when a load came or was removed, without any baseline.
 
 mod anchors;
 
@@ -37,22 +37,22 @@ pub use orders::TrackingOrder;
 pub use state::TrackerState;
 
 const DAY_S: f64 = 86_400.0;
-/// Relative difference of intervals that still have the same covariance.
+/// Relative difference up to which intervals share one covariance.
 const SAME_INTERVAL: f64 = 0.02;
 /// Seconds for which a faulty electrode must be healthy before it is used again.
 const HEALED_S: f64 = 3600.0;
-/// Electrodes that may be masked.
+/// Largest number of electrodes that may be masked.
 pub const MOST_MASKED: usize = 3;
 
-/// What a frame is.
+/// Load state of the sheet in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Judgement {
-    /// Nothing lies on the sheet; the baseline learns from the frame.
+    /// The sheet is empty; the baseline learns from the frame.
     Empty,
-    /// Something lies on the sheet.
+    /// The sheet is loaded.
     Loaded,
-    /// Too few electrodes are left.
+    /// Too few electrodes are usable.
     Unknown,
 }
 
@@ -61,32 +61,33 @@ pub enum Judgement {
 pub struct Event {
     /// Whether conductance was lost (a load came), not regained.
     pub came: bool,
-    /// Whether a load lies there before and after, which grew (foam creeps under a load), moved or recovered.
+    /// Whether the same load is on the sheet before and after the step: it grew (foam creeps under a load), moved or
+    /// recovered.
     pub same_load: bool,
-    /// The change, fitted by a disc.
+    /// A disc fitted to the change.
     pub fit: DiscFit,
 }
 
-/// What a frame says.
+/// Result for one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answer {
     /// Empty, loaded or unknown.
     pub judgement: Judgement,
-    /// Improvement of chi squared by the best disc; `None` where a loaded frame was not tested.
+    /// Improvement of chi squared by the best disc; `None` for a loaded frame that was not tested.
     pub score: Option<f64>,
-    /// Chi squared per row of the innovation; `None` as above.
+    /// Chi squared per row of the innovation; `None` like `score`.
     pub chi: Option<f64>,
-    /// What came or went with this frame.
+    /// The load that came or was removed with this frame.
     pub event: Option<Event>,
-    /// Loads that lie on the sheet.
+    /// Number of loads on the sheet.
     pub loads: usize,
-    /// A slow change that cannot be told from age.
+    /// A slow change that cannot be distinguished from ageing.
     pub anchor: Option<AnchorAlarm>,
-    /// Whether this frame was compared with baselines of the past, as every sixth one without load is.
+    /// Whether this frame was compared with the anchors; every sixth frame without load is.
     pub compared: bool,
     /// A fault of electrodes that this frame shows.
     pub fault: Option<ElectrodeFault>,
-    /// Electrodes that are not used.
+    /// Masked electrodes: their readings are not used.
     pub masked: Vec<usize>,
     /// Pace of the drift relative to the built-in rates.
     pub pace: f64,
@@ -94,31 +95,32 @@ pub struct Answer {
     pub agrees: Option<bool>,
     /// Seconds since the last frame without load.
     pub since_empty_s: f64,
-    /// Whether the time of the frame was before that of the last.
+    /// Whether the time of the frame was before that of the previous frame.
     pub clock_went_back: bool,
-    /// Orders of a person that were carried out with this frame.
+    /// User orders executed with this frame.
     pub orders: Vec<TrackingOrder>,
-    /// Whether the sheet is loaded because a person said so.
+    /// Whether the sheet counts as loaded because of a user's order.
     pub held: bool,
 }
 
-/// Follows one sheet.
+/// Tracks the drift of one sheet.
 #[derive(Clone)]
 pub struct Tracker {
     model: Arc<DriftModel>,
     prepared: Arc<Prepared>,
     state: TrackerState,
-    /// What follows from the state alone, while the covariance is kept.
+    /// The covariance of the innovation and quantities derived from the state, while the covariance is reused.
     steady: Option<Arc<Steady>>,
-    /// The same of the step between two frames: its variance in units of daily growth, and the squares of the load test.
+    /// For the step between two frames: its variance in units of daily growth, and the squares of the load test.
     of_steps: Option<(f64, Arc<DVector<f64>>)>,
-    /// The last frame in the coordinates of the basis; follows from the state.
+    /// The last frame in the coordinates of the basis; derived from the state.
     last_in_basis: Option<DVector<f64>>,
-    /// Changes of the data by each electrode that was faulty, as its contact may have changed; they follow from the sheet.
+    /// For each electrode that was faulty: changes of the data for the possible changes of its contact; derived from
+    /// the sheet.
     lost_contacts: BTreeMap<usize, Arc<DMatrix<f64>>>,
 }
 
-/// What depends on the sheet alone.
+/// Quantities that depend on the sheet alone.
 struct Prepared {
     basis: Basis,
     check: ElectrodeCheck,
@@ -127,7 +129,7 @@ struct Prepared {
 }
 
 impl Tracker {
-    /// Starts at the first baseline, recorded without load at a time, s.
+    /// Starts at the first baseline, recorded without load at this time, s.
     ///
     /// # Errors
     /// A model without noise.
@@ -136,8 +138,8 @@ impl Tracker {
         Self::restore(model, state)
     }
 
-    /// Continues from a state of the same sheet: later answers have the same bits as without the interruption, where the noise of the
-    /// model is the same too.
+    /// Continues from a state of the same sheet. If the noise of the model is unchanged, later results have the same
+    /// bits as without the interruption.
     ///
     /// # Errors
     /// A state of another mesh, baseline or build, or a damaged one.
@@ -170,17 +172,17 @@ impl Tracker {
         &self.state
     }
 
-    /// The sheet.
+    /// The model of the sheet.
     pub fn model(&self) -> &Arc<DriftModel> {
         &self.model
     }
 
-    /// Change of the data since the first baseline, as it is tracked, V.
+    /// Tracked change of the data since the first baseline, V.
     pub fn baseline(&self) -> DVector<f64> {
         self.state.baseline()
     }
 
-    /// The drift since the first baseline, which is so many days old, by kind.
+    /// The drift since the first baseline, by kind; `days`: age of that baseline.
     ///
     /// # Errors
     /// A covariance that cannot be factored.
@@ -189,16 +191,16 @@ impl Tracker {
         self.model.kinds(&change, &error, days, self.state.pace())
     }
 
-    /// Follows a frame.
+    /// Processes a frame recorded at this time, s.
     ///
     /// # Errors
-    /// Another number of readings, or fewer than half of them.
+    /// Wrong number of readings, or fewer than half of them have a value.
     pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<Answer, DriftError> {
         let relative = self.model.relative(frame)?;
         let clock_went_back = at_s < self.state.at_s;
         let mut days = (at_s - self.state.at_s).abs() / DAY_S;
         if clock_went_back {
-            // how much time has passed is unknown: at least an interval, at most the jump
+            // the elapsed time is unknown: at least an interval, at most the jump of the clock
             days = days.max(self.state.kept_days.unwrap_or(0.0));
         }
         let masked = self.state.masked();
@@ -207,7 +209,8 @@ impl Tracker {
         }
         self.state.at_s = at_s;
         if self.state.ledger.loaded() && masked.len() <= MOST_MASKED {
-            // steps do not tell whether an electrode healed, and a load may hide it; frames without a judgement must end
+            // steps do not show whether an electrode recovered, and a load may hide it, so masked electrodes stay
+            // masked; but with too many masked ones no frame could be judged again
             self.mask(&masked)?;
         }
         self.use_again(&masked);
@@ -275,7 +278,7 @@ impl Tracker {
             white = whitened(&now, &frame_now);
         }
         if judged {
-            // by a person
+            // judged by a user's order
         } else if self.state.ledger.loaded() {
             self.loaded(&mut answer, &frame_now, event, &now, &white)?;
         } else {
@@ -287,7 +290,8 @@ impl Tracker {
         Ok(answer)
     }
 
-    /// Those of these electrodes that are not masked any more are used again: their contacts are what they may have become.
+    /// Uses those of these electrodes again that are no longer masked, and allows for the possible change of their
+    /// contacts.
     fn use_again(&mut self, were_masked: &[usize]) {
         let masked = self.state.masked();
         for &electrode in were_masked.iter().filter(|one| !masked.contains(one)) {
@@ -298,7 +302,7 @@ impl Tracker {
         }
     }
 
-    /// Uses these electrodes no more, until they have been healthy for an hour.
+    /// Masks these electrodes until they have been healthy for an hour.
     fn mask(&mut self, electrodes: &[usize]) -> Result<(), DriftError> {
         self.prepare_lost(electrodes)?;
         self.state.mask(electrodes);
@@ -315,8 +319,8 @@ impl Tracker {
         Ok(())
     }
 
-    /// Allows for any contact of the masked electrodes: what they change in the readings of others is neither load nor drift. `but`: one
-    /// that is judged.
+    /// Allows for any contact impedance of the masked electrodes: their effect on readings of other electrodes is
+    /// neither load nor drift. `but`: an electrode being judged, which is excluded.
     fn allow_lost_contacts(&self, covariance: &mut DMatrix<f64>, but: Option<usize>) {
         let masked = self.state.masked().into_iter();
         for electrode in masked.filter(|electrode| Some(*electrode) != but) {
@@ -327,7 +331,7 @@ impl Tracker {
     }
 
     /// The map of the last frame relative to the tracked baseline: change of ln conductance of each triangle of
-    /// [`DriftModel::mesh`], with local change of this standard deviation before the frame.
+    /// [`DriftModel::mesh`]. `size`: prior standard deviation of local change.
     ///
     /// # Errors
     /// No frame yet.
@@ -350,7 +354,7 @@ impl Tracker {
     }
 }
 
-/// The innovation of a frame, whitened by its covariance.
+/// Whitens the innovation of a frame by its covariance.
 fn whitened(now: &Steady, frame: &Frame) -> Whitened {
     Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows)
 }

@@ -1,4 +1,4 @@
-//! Orders of a person, who knows what lies on the sheet: they overrule what the tracker concludes from readings.
+//! User orders: the user knows the load on the sheet, so orders overrule the tracker's conclusions from readings.
 
 use std::sync::Arc;
 
@@ -9,16 +9,16 @@ use super::innovation::{Frame, Steady};
 use super::{Answer, Judgement, Tracker};
 use crate::DriftError;
 
-/// What a person says of the sheet. It takes effect with the next frame that can be judged.
+/// An order that states the load on the sheet. It takes effect with the next frame that can be judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrackingOrder {
-    /// Nothing lies on the sheet: the frame is its baseline from now on, and baselines of the past are forgotten.
+    /// The sheet is empty: the frame becomes the baseline, and all anchors are deleted.
     EmptyNow,
-    /// Something lies on the sheet: nothing is learnt until [`TrackingOrder::EmptyNow`]. A slow loss of conductance that an anchor shows
-    /// counts as part of it.
+    /// The sheet is loaded: nothing is learnt until [`TrackingOrder::EmptyNow`]. A slow loss of conductance shown by an
+    /// anchor counts as part of the load.
     LoadedNow,
-    /// What changed since the baselines of the past is age: they are forgotten.
+    /// The change since the anchors is ageing: all anchors are deleted.
     ForgetAnchor,
 }
 
@@ -26,7 +26,7 @@ impl TrackingOrder {
     /// All orders.
     pub const ALL: [Self; 3] = [Self::EmptyNow, Self::LoadedNow, Self::ForgetAnchor];
 
-    /// Its name in records and on command lines.
+    /// The name of the order in records and on command lines.
     pub fn name(self) -> &'static str {
         match self {
             Self::EmptyNow => "empty-now",
@@ -35,26 +35,26 @@ impl TrackingOrder {
         }
     }
 
-    /// The order of this name.
+    /// The order with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|order| order.name() == name)
     }
 
-    /// Whether both can wait for the same frame: the sheet is not empty and loaded at once.
+    /// Whether both orders can wait for the same frame: a sheet cannot be both empty and loaded.
     fn agrees_with(self, other: Self) -> bool {
         self != other && (self == Self::ForgetAnchor || other == Self::ForgetAnchor)
     }
 }
 
 impl Tracker {
-    /// Takes an order for the next frame that can be judged. Of two orders that contradict each other the later one counts.
+    /// Accepts an order for the next frame that can be judged. Of two contradictory orders the later one counts.
     pub fn order(&mut self, order: TrackingOrder) {
         let waiting = &mut self.state.orders;
         waiting.retain(|earlier| earlier.agrees_with(order));
         waiting.push(order);
     }
 
-    /// Carries out the orders that waited for this frame; true if it is thereby judged.
+    /// Executes the pending orders with this frame; returns true if they determine its judgement.
     pub(super) fn carry_out(
         &mut self,
         answer: &mut Answer,
@@ -78,7 +78,8 @@ impl Tracker {
         Ok(judged)
     }
 
-    /// The frame is the baseline, known as well as one frame is. Pairs without readings stay as they are tracked.
+    /// Makes the frame the baseline, with the uncertainty of one frame. Pairs without readings keep their tracked
+    /// values.
     fn begin_again(&mut self, frame: &Frame, now: &Steady) {
         let rows = &frame.rows;
         let measured = |row: usize| rows.binary_search(&row).is_ok();
@@ -102,12 +103,13 @@ impl Tracker {
         self.forget_anchors();
     }
 
-    /// The sheet is loaded until a person says that it is empty.
+    /// Marks the sheet as loaded until a user's order declares it empty.
     fn hold(&mut self, frame: &mut Frame) {
         if !self.state.ledger.loaded() {
             let (pace, at_s) = (self.state.pace.pace, self.state.at_s);
             let (anchors, basis) = (&self.state.anchors, &self.prepared.basis);
-            // readings that are missing, or of faulty electrodes, show no loss: then what was learnt counts
+            // if readings are missing, or electrodes are faulty, the frame cannot show the loss: the tracked baseline
+            // is used instead
             let complete = frame.rows.len() == self.prepared.rows.len();
             let data = match complete {
                 true => &frame.data,
@@ -115,7 +117,7 @@ impl Tracker {
             };
             let slow = anchors.alarm(&self.model, basis, data, pace, at_s);
             if let Some(alarm) = slow.filter(|alarm| alarm.change < 0.0) {
-                // the load that came slowly was learnt as drift
+                // a load that came slowly was learnt as drift
                 let learnt = self.model.disc(alarm.centre, alarm.diameter) * alarm.change;
                 self.state.correct(&-&learnt);
                 frame.e += learnt;

@@ -1,6 +1,7 @@
-//! How fast this sheet drifts, relative to the built-in rates: by the likelihood of the frames without load.
+//! Estimates how fast this sheet drifts, relative to the built-in rates, from the likelihood of the frames without
+//! load.
 //!
-//! For each pace of a grid a filter of its own follows the sheet, in coordinates in which drift and noise are uncorrelated.
+//! A separate filter tracks the sheet at each pace of a grid, in coordinates in which drift and noise are uncorrelated.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -8,16 +9,16 @@ use serde::{Deserialize, Serialize};
 use super::bits;
 use crate::basis::Basis;
 
-/// The paces compared.
+/// Paces that are compared.
 pub(crate) const PACES: [f64; 6] = [0.3, 1.0, 2.0, 3.0, 5.0, 10.0];
-/// Days of frames before the first choice, and between choices.
+/// Days before the first choice of a pace, and between choices.
 const FIRST_DAYS: f64 = 0.5;
 const EVERY_DAYS: f64 = 1.0;
-/// Weight of the past likelihood at each choice: a sheet may change its pace.
+/// Weight of the earlier likelihood at each choice: the pace of a sheet may change.
 const REMEMBERED: f64 = 0.5;
 const DAY_S: f64 = 86_400.0;
 
-/// A filter for each pace.
+/// The filters of all paces.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Pace {
     filters: Vec<Filter>,
@@ -44,7 +45,7 @@ struct Filter {
 }
 
 impl Filter {
-    /// Follows data of noise 1 after a time in which the variances grew by `rate` times `growth`.
+    /// Updates the filter with data of noise 1, after the variances grew by `rate` times `growth`.
     fn follow(&mut self, data: &[f64], growth: &[f64], rate: f64) {
         // one logarithm for eight variances, whose product is finite at any age of a sheet
         const TOGETHER: usize = 8;
@@ -70,7 +71,7 @@ impl Filter {
 }
 
 impl Pace {
-    /// From a baseline (data zero, with the noise of one frame) at a time, s.
+    /// Starts at a baseline (data zero, with the noise of one frame) at this time, s.
     pub(crate) fn new(rows: usize, at_s: f64) -> Self {
         let filter = Filter {
             mean: vec![0.0; rows],
@@ -87,13 +88,14 @@ impl Pace {
         }
     }
 
-    /// Whether it has a filter for each pace, of data of this many rows.
+    /// Whether there is a filter for each pace, with this number of rows.
     pub(super) fn fits(&self, rows: usize) -> bool {
         let fits = |filter: &Filter| filter.mean.len() == rows && filter.variance.len() == rows;
         self.filters.len() == PACES.len() && self.filters.iter().all(fits)
     }
 
-    /// Follows a frame without load, in the coordinates of the basis; the new pace if it has been chosen anew.
+    /// Updates the filters with a frame without load, in the coordinates of the basis; returns the pace if it was
+    /// chosen anew.
     pub(crate) fn follow(&mut self, basis: &Basis, data: &DVector<f64>, at_s: f64) -> Option<f64> {
         let days = ((at_s - self.last_s) / DAY_S).max(0.0);
         self.last_s = at_s;
@@ -122,8 +124,8 @@ impl Pace {
         Some(self.pace)
     }
 
-    /// These data, in the coordinates of the basis, are a new baseline, with the noise of one frame: what was between it and the last
-    /// frame is no drift.
+    /// Starts again at a new baseline, given in the coordinates of the basis, with the noise of one frame: the change
+    /// since the last frame is not drift.
     pub(crate) fn begin_again(&mut self, data: &DVector<f64>, at_s: f64) {
         for filter in &mut self.filters {
             filter.mean.copy_from_slice(data.as_slice());
@@ -132,12 +134,12 @@ impl Pace {
         self.last_s = at_s;
     }
 
-    /// The clock was set back to this time: the wait for the next choice begins there.
+    /// The clock was set back to this time: the interval to the next choice starts there.
     pub(crate) fn set_back(&mut self, at_s: f64) {
         self.chosen_s = self.chosen_s.min(at_s);
     }
 
-    /// Local change of this standard deviation may have happened: after a load.
+    /// Adds local change of this standard deviation to the variances: after a load.
     pub(crate) fn changed_locally(&mut self, basis: &Basis, size: f64) {
         for filter in &mut self.filters {
             for (variance, local) in filter.variance.iter_mut().zip(&basis.local) {

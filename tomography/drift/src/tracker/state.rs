@@ -1,4 +1,4 @@
-//! The whole state of a tracker: stored and restored to the same bits.
+//! The complete state of a tracker; it is stored and restored bit for bit.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -12,11 +12,11 @@ use crate::DriftError;
 use crate::basis::Basis;
 use crate::model::DriftModel;
 
-/// Everything that later answers depend on, besides the sheet.
+/// All data that later results depend on, except the sheet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrackerState {
-    /// Mesh, baseline and build for which the state holds.
+    /// Identity of the mesh, baseline and build for which the state is valid.
     sheet: String,
     /// Change of the data since the first baseline, V.
     #[serde(with = "bits")]
@@ -34,9 +34,9 @@ pub struct TrackerState {
     pub(super) at_s: f64,
     #[serde(with = "bits::number")]
     pub(super) empty_s: f64,
-    /// Frames without load since the covariance changed by anything else.
+    /// Frames without load since the covariance was changed by anything else.
     pub(super) run: u32,
-    /// Interval for which the covariance is kept, days.
+    /// Interval for which the covariance is reused, days.
     #[serde(with = "bits::option")]
     pub(super) kept_days: Option<f64>,
     /// Frames since the load came.
@@ -45,11 +45,11 @@ pub struct TrackerState {
     pub(super) pace: Pace,
     pub(super) anchors: Anchors,
     faults: Vec<Fault>,
-    /// Orders of a person that wait for a frame.
+    /// Pending user orders.
     #[serde(default)]
     pub(super) orders: Vec<TrackingOrder>,
-    /// Noise of a reading and thermal voltage of a sensing pair, V, in whose coordinates the pace follows the sheet; empty in states
-    /// that were made without them.
+    /// Noise of a reading and thermal voltage of a sensing pair, V, for which the coordinates of the pace filters hold;
+    /// empty in states stored by older versions.
     #[serde(default, with = "bits")]
     noise: Vec<f64>,
 }
@@ -63,7 +63,7 @@ struct Fault {
 }
 
 impl TrackerState {
-    /// At the first baseline, whose noise is that of one frame.
+    /// The state at the first baseline, which has the noise of one frame.
     pub(super) fn new(model: &DriftModel, at_s: f64) -> Self {
         let rows = model.pairs().len();
         let mut state = Self {
@@ -89,7 +89,7 @@ impl TrackerState {
         state
     }
 
-    /// Refuses a state of another sheet, and one with a length or an index that does not fit this sheet.
+    /// Refuses a state of another sheet, and a state with an array length or an index that does not fit this sheet.
     pub(super) fn check(&self, model: &DriftModel) -> Result<(), DriftError> {
         let wants = identity(model);
         if self.sheet != wants {
@@ -123,7 +123,7 @@ impl TrackerState {
         }
     }
 
-    /// Goes on with the noise of this model: where it was another one, the pace is followed anew from the tracked baseline on.
+    /// Continues with the noise of this model: if the noise changed, the pace filters restart at the tracked baseline.
     pub(super) fn take_noise(&mut self, model: &DriftModel, basis: &Basis) {
         let noise = noise_of(model);
         if !self.noise.is_empty() && self.noise != noise {
@@ -174,7 +174,7 @@ impl TrackerState {
         self.set_covariance(&wider);
     }
 
-    /// Another pace, as if it had been that of the past.
+    /// Sets another pace and rescales the covariance as if the sheet had always drifted at it.
     pub(super) fn raise_pace(&mut self, pace: f64) {
         let factor = (pace / self.pace.pace).powi(2);
         for value in &mut self.covariance {
@@ -184,7 +184,7 @@ impl TrackerState {
         self.restart();
     }
 
-    /// The covariance is no longer the steady one.
+    /// Marks the covariance as no longer steady.
     pub(super) fn restart(&mut self) {
         self.run = 0;
         self.kept_days = None;
@@ -204,7 +204,8 @@ impl TrackerState {
         }
     }
 
-    /// The clock was set back to this time: what is later counts from it, so that nothing waits until the clock is there again.
+    /// The clock was set back to this time: later times are limited to it, so that nothing waits until the clock
+    /// reaches them again.
     pub(super) fn set_back(&mut self, at_s: f64) {
         let masked = self.masked();
         self.faults
@@ -259,12 +260,12 @@ impl TrackerState {
         self.ledger.loads()
     }
 
-    /// Whether the sheet counts as loaded because a person said so.
+    /// Whether the sheet counts as loaded because of a user's order.
     pub fn held(&self) -> bool {
         self.ledger.held
     }
 
-    /// Seconds at a time since the last frame without load.
+    /// Seconds from the last frame without load to this time.
     pub fn since_empty_s(&self, at_s: f64) -> f64 {
         at_s - self.empty_s
     }
@@ -280,7 +281,7 @@ fn noise_of(model: &DriftModel) -> Vec<f64> {
     vec![noise.reading_v, noise.emf_v]
 }
 
-/// Mesh, baseline and build: FNV-1a of the numbers that the data depend on.
+/// Identity of mesh, baseline and build: FNV-1a hash of the numbers that the data depend on.
 fn identity(model: &DriftModel) -> String {
     let numbers = model.baseline().iter().chain(model.fit().readings.iter());
     let hash = numbers

@@ -1,4 +1,5 @@
-//! What a frame shows that is no load and that the tracked baseline does not contain: the drift since the sheet was empty, and what lost
+//! Changes in a frame that are not load and that the tracked baseline does not contain: the drift since the sheet was
+//! empty, and the effect of lost contacts on readings of other electrodes.
 //! contacts change in the readings of others.
 
 use nalgebra::{DMatrix, DVector};
@@ -6,15 +7,16 @@ use nalgebra::{DMatrix, DVector};
 use super::Tracker;
 use crate::DriftError;
 
-/// Time since the sheet was last empty from which on its drift is looked for beside a load, s: less drift hardly changes a map, and
-/// the estimate takes longer than many methods.
+/// Time since the sheet was last empty after which the drift beside a load is estimated, s: less drift hardly changes a
+/// map, and the estimate takes longer than many methods.
 const AFTER_S: f64 = 3.0 * 3600.0;
 
 impl Tracker {
-    /// The change of the data, V, that the tracked baseline lacks, as it is most probable beside what lies on the sheet in the last frame:
-    /// drift since the baseline learnt last, and what the contacts of masked electrodes change in the readings of others. Nothing is learnt
-    /// from it: how much of a frame is load is not certain. `None` where it is nothing: without masked electrodes on an empty sheet, within
-    /// three hours after it was empty, and for a load that came by degrees, which is itself told from drift by its pace alone.
+    /// The most probable change of the data, V, that the tracked baseline lacks, given the load in the last frame:
+    /// drift since the baseline last learnt, and the effect of the contacts of masked electrodes on readings of other
+    /// electrodes. The tracker does not learn it, because the share of a frame that is load is uncertain. `None` if
+    /// there is no such change: without masked electrodes, on an empty sheet, within three hours after the sheet was
+    /// empty, or for a load that came gradually, which is distinguished from drift by its pace alone.
     ///
     /// # Errors
     /// No frame yet, or a covariance that cannot be factored.
