@@ -14,9 +14,9 @@ const AFTER_S: f64 = 3.0 * 3600.0;
 impl Tracker {
     /// The most probable change of the data, V, that the tracked baseline lacks, given the load in the last frame:
     /// drift since the baseline last learnt, and the effect of the contacts of masked electrodes on readings of other
-    /// electrodes. The tracker does not learn it, because the share of a frame that is load is uncertain. `None` if
-    /// there is no such change: without masked electrodes, on an empty sheet, within three hours after the sheet was
-    /// empty, or for a load that came gradually, which is distinguished from drift by its pace alone.
+    /// electrodes. The tracker does not learn it, because the share of a frame that is load is uncertain. `None` if no
+    /// electrode is masked and the sheet is empty, was empty within the last three hours, or has a load that came
+    /// gradually (such a load is distinguished from drift by its pace alone).
     ///
     /// # Errors
     /// No frame yet, or a covariance that cannot be factored.

@@ -13,7 +13,7 @@ pub enum OneStepError {
         "the hyper-parameter lambda is {lambda:e}; it must be a finite number above {floor:.1e} for this geometry"
     )]
     Lambda {
-        /// As given or chosen.
+        /// The value given or chosen.
         lambda: f64,
         /// The smallest value that double precision distinguishes from zero here.
         floor: f64,
@@ -31,7 +31,7 @@ pub enum OneStepError {
     Count {
         /// Which list.
         what: &'static str,
-        /// Entries it has.
+        /// Entries given.
         has: usize,
         /// Entries required.
         wants: usize,
@@ -39,7 +39,7 @@ pub enum OneStepError {
     /// A map error that is not between 0 and 1.
     #[error("the map error allowed is {error:e}; it must be above 0 and below 1, e.g. 1e-3")]
     MapError {
-        /// As given.
+        /// The error given.
         error: f64,
     },
     /// The prior could not be inverted, or the readings do not determine its null space.
@@ -47,7 +47,7 @@ pub enum OneStepError {
         "the prior cannot be inverted on this geometry: no reading depends on some part of the region"
     )]
     Prior,
-    /// A property of one matrix for all frames was asked of a method that chooses lambda for each frame.
+    /// A single matrix for all frames was requested from a method that chooses lambda for each frame.
     #[error("each frame has its own lambda; there is no single matrix for all frames")]
     PerFrame,
     /// A map error was given for a method that chooses lambda for each frame.

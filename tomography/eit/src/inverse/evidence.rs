@@ -19,7 +19,7 @@ pub(crate) struct Evidence {
     candidates: Vec<(f64, f64)>,
 }
 
-/// The best size of maps for one ratio.
+/// The most probable size of maps for one ratio.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Fit {
     /// q, the variance of errors over that of maps.
@@ -38,8 +38,8 @@ impl Fit {
 }
 
 impl Evidence {
-    /// `steps`: the ratios as steps from the largest eigenvalue, `per_decade` of them a decade. `None` if the decomposition
-    /// fails.
+    /// `steps`: the ratios, as logarithmic steps relative to the largest eigenvalue, `per_decade` of them per decade.
+    /// `None` if the decomposition fails.
     pub(crate) fn new(
         gram: &DMatrix<f64>,
         steps: RangeInclusive<i32>,
@@ -80,7 +80,7 @@ impl Evidence {
         self.candidates.iter().map(|(ratio, _)| *ratio)
     }
 
-    /// g^2 of the most probable maps for one ratio, of data with these squared components.
+    /// g^2 of the most probable maps for one ratio, for data with these squared components.
     pub(crate) fn scale(&self, squares: &DVector<f64>, ratio: f64) -> f64 {
         let sum: f64 = squares
             .iter()
@@ -90,15 +90,15 @@ impl Evidence {
         sum / squares.len() as f64
     }
 
-    /// Twice the logarithm of how much more probable the data are with a map of the most probable fit than with errors of
-    /// the standard deviation `error` alone.
+    /// Twice the logarithm of the ratio of two probabilities of the data: with the most probable fit, and with errors
+    /// of the standard deviation `error` alone.
     pub(crate) fn preference(&self, squares: &DVector<f64>, error: f64, fit: &Fit) -> f64 {
         let variance = error * error;
         let nothing = squares.len() as f64 * variance.ln() + squares.sum() / variance;
         nothing - fit.surprise
     }
 
-    /// The most probable fit of data with these squared components, with errors of at least the standard deviation
+    /// The most probable fit to data with these squared components, with errors of at least the standard deviation
     /// `floor`; `None` without data.
     pub(crate) fn best(&self, squares: &DVector<f64>, floor: f64) -> Option<Fit> {
         let count = squares.len() as f64;

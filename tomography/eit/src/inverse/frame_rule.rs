@@ -1,8 +1,8 @@
-//! The linear inverse problem with a hyper-parameter of its own for each frame.
+//! The linear inverse problem with a separate hyper-parameter for each frame.
 //!
-//! In the eigenbasis V of J R^-1 J' = V diag(v) V', the map for lambda^2 = q is  x = R^-1 J' V w,  w = V'd / (v + q), so that
-//! a frame costs two matrix-vector products for any q. Where R has a null space n, the data in the range of b = J n
-//! determine its part of the map, and the rest is solved in their orthogonal complement.
+//! In the eigenbasis V of J R^-1 J' = V diag(v) V', the map for lambda^2 = q is  x = R^-1 J' V w,  w = V'd / (v + q),
+//! so a frame costs two matrix-vector products for any q. If R has a null space n, the data in the range of b = J n
+//! determine that part of the map, and the rest is solved in the orthogonal complement.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -18,11 +18,12 @@ use crate::linear_algebra::dense;
 
 /// Values of lambda squared to try, per decade.
 const STEPS_A_DECADE: i32 = 10;
-/// Decades of lambda squared to try below and above the largest eigenvalue: the linear model is not more exact than the
-/// lower limit ([`MODEL_SHARE`](crate::MODEL_SHARE)), and at the upper one maps vanish.
+/// Decades of lambda squared to try below and above the largest eigenvalue: the lower limit is the accuracy of the
+/// linear model ([`MODEL_SHARE`](crate::MODEL_SHARE)); at the upper limit maps vanish.
 const DECADES: [i32; 2] = [-7, 2];
-/// Standard deviation of the linear model's error as a share of the change, which the errors of a frame have at least: the
-/// part of every change, and the part that grows with the change as a share of the readings (root mean squares).
+/// Standard deviation of the linear model's error as a share of the change, which every frame has in addition to noise:
+/// a constant share, and the factor of a share that grows with the ratio of the change to the readings (root mean
+/// squares).
 const MODEL_ERROR: f64 = 0.01;
 const MODEL_ERROR_OF_CHANGE: f64 = 0.8;
 
@@ -33,7 +34,7 @@ pub(crate) const SIGNIFICANT: f64 = 12.0;
 /// A one-step problem whose hyper-parameter follows from each frame.
 pub(crate) struct FrameRule {
     rule: HyperRule,
-    /// Standard deviation of a change of a reading by noise; 0 if it is unknown.
+    /// Standard deviation of a reading's change due to noise; 0 if unknown.
     noise: f64,
     /// Root mean square of the model's readings, folded.
     readings: f64,
@@ -42,24 +43,24 @@ pub(crate) struct FrameRule {
     spread: DMatrix<f64>,
     null: Option<DMatrix<f64>>,
     complete: Prepared,
-    /// For the missing readings of the last frame that had any: they seldom change.
+    /// Prepared for the missing readings of the last frame that had any; they seldom change.
     kept: Mutex<Option<Arc<Prepared>>>,
 }
 
-/// What depends on the missing readings alone.
+/// Quantities that depend only on which readings are missing.
 struct Prepared {
     missing: Vec<usize>,
     evidence: Evidence,
-    /// x = back w, without the null space's direct part.
+    /// x = back w, without the direct contribution of the null space.
     back: DMatrix<f64>,
     null: Option<NullPart>,
 }
 
-/// The part of the null space.
+/// The null space's part of the solution.
 struct NullPart {
     /// Orthonormal basis of the range of b = J n.
     range: DMatrix<f64>,
-    /// Its part of the map is this matrix times the data.
+    /// Matrix from the data to this part of the map.
     level: DMatrix<f64>,
 }
 
@@ -68,12 +69,12 @@ struct NullPart {
 struct FrameHyper {
     /// lambda of the one-step problem.
     lambda: f64,
-    /// Standard deviation of noise and errors of the model that it stands for, in the unit of the data.
+    /// Standard deviation of noise and model errors that corresponds to lambda, in the unit of the data.
     error: f64,
 }
 
 impl FrameRule {
-    /// `noise`: standard deviation of a change of a reading by noise in the unit of the data; `None` if it is unknown.
+    /// `noise`: standard deviation of a reading's change due to noise, in the unit of the data; `None` if unknown.
     ///
     /// # Errors
     /// A prior that cannot be factored.
@@ -101,7 +102,7 @@ impl FrameRule {
         })
     }
 
-    /// How lambda follows from a frame, for people.
+    /// User-readable description of the choice of lambda.
     pub(crate) fn description(&self) -> &'static str {
         match self.rule {
             HyperRule::Evidence => "by its evidence",
@@ -139,7 +140,7 @@ impl FrameRule {
         })
     }
 
-    /// Standard deviation of noise and errors of the model in a frame.
+    /// Standard deviation of noise and model errors in a frame.
     ///
     /// # Errors
     /// As [`FrameRule::map`].
@@ -165,7 +166,7 @@ impl FrameRule {
         })
     }
 
-    /// Standard deviation of the errors that a frame has at least.
+    /// Lower limit of the standard deviation of a frame's errors.
     fn least(&self, data: &DVector<f64>) -> f64 {
         let size = rms(data);
         let model = size * (MODEL_ERROR + MODEL_ERROR_OF_CHANGE * size / self.readings);
@@ -282,8 +283,8 @@ fn rms(data: &DVector<f64>) -> f64 {
     (data.norm_squared() / data.len() as f64).sqrt()
 }
 
-/// q at the corner of the L-curve (P. C. Hansen, SIAM Review 34 (1992) 561): the point of largest curvature of
-/// log |J x - d| against log sqrt(x'Rx); `beside` is the squared norm of the data that no map changes. `None` if the curve
+/// q at the corner of the L-curve (P. C. Hansen, SIAM Review 34 (1992) 561): the point of largest curvature of log |J x
+/// - d| against log sqrt(x'Rx). `beside`: squared norm of the part of the data that no map changes. `None` if the curve
 /// has no corner.
 fn corner_ratio(evidence: &Evidence, squares: &DVector<f64>, beside: f64) -> Option<f64> {
     let candidates: Vec<f64> = evidence.ratios().collect();

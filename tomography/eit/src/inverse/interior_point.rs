@@ -14,7 +14,7 @@ use crate::linear_algebra::sparse::Block;
 const MOST_STEPS: usize = 60;
 /// Mean product of slack and multiplier, with the largest entry of J'd as unit, at which to stop.
 const GAP: f64 = 1e-14;
-/// Largest entry of the gradient less the multipliers, in the same unit, at which to stop.
+/// Largest entry of the gradient minus the multipliers, in the same unit, at which to stop.
 const RESIDUAL: f64 = 1e-11;
 /// Distance from a bound within which an unknown is set to it.
 const SNAP: f64 = 1e-7;

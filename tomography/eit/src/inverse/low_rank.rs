@@ -50,7 +50,7 @@ impl Quick {
             }
             beyond[r] = sums.iter().copied().fold(0.0, f64::max).sqrt();
         }
-        // of typical data: their components along the directions, and the largest value of their map
+        // typical data: their components along the directions, and the largest value of their maps
         let parts = dense::product(dense::view(&vectors).transpose(), dense::view(typical));
         let maps = dense::product(dense::view(matrix), dense::view(typical));
         let largest: Vec<f64> = maps.column_iter().map(|map| map.amax()).collect();
@@ -61,7 +61,7 @@ impl Quick {
         };
         let rank = (1..columns).find(|&r| fits(r)).unwrap_or(columns);
         let width = rank.div_ceil(LANES) * LANES;
-        // the padding is free: use it
+        // the padding costs no time, so it holds further directions
         let rank = width.min(columns);
         let mut factor = vec![0.0_f32; rows * width];
         let mut longest = 0.0_f64;
@@ -126,7 +126,7 @@ impl Quick {
         (largest > bound && share <= self.error).then_some((values, share))
     }
 
-    /// Text for people.
+    /// User-readable description.
     pub(crate) fn description(&self) -> String {
         format!(
             "maps from {} of {} directions of the data in f32, where that is proved to be within {:e} of the map's largest \
@@ -136,7 +136,7 @@ impl Quick {
     }
 }
 
-/// In a fixed order that the compiler can vectorise.
+/// Dot product in a fixed order that the compiler can vectorise.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
     let mut lanes = [0.0; LANES];

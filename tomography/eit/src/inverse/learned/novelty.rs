@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::Novelty;
 use crate::linear_algebra::dense;
 
-/// Directions of the data that a map of root mean square 0.1 changes by at most this share of their noise are dropped.
+/// A direction of the data is dropped if a map of root mean square 0.1 changes it by at most this share of its noise.
 pub(crate) const UNSEEN: f64 = 1e-4;
 /// Root mean square of the unexplained part, in standard deviations of the noise, above which a frame is novel.
 const NEW: f64 = 3.0;

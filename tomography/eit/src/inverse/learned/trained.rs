@@ -49,8 +49,9 @@ impl Trained {
         }
     }
 
-    /// The same, doubtful if its input is farther from the training inputs (`novelty`) than 99.9 % of these are (`familiar`; 0
-    /// where each training input is a neuron, so that nothing is known of others: no doubt).
+    /// Like [`Self::map`], but the map is doubtful if its input is farther from the training inputs (`novelty`) than
+    /// 99.9 % of these are (`familiar`). A `familiar` of 0 disables the check: every training input is then a neuron,
+    /// and the distances of other inputs are unknown.
     pub(crate) fn judged_map(
         &self,
         values: Vec<f64>,
@@ -59,7 +60,7 @@ impl Trained {
         familiar: f64,
     ) -> Map {
         let ratio = novelty / familiar;
-        // `familiar` is not a number where the file does not know that distance
+        // `familiar` is NaN if the file does not state that distance
         let doubt =
             (familiar > 0.0 && ratio > 1.0).then(|| MapQuality::of(&[Doubt::Novelty { ratio }]));
         Map {

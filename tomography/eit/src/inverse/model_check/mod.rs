@@ -1,11 +1,11 @@
-//! Checks whether a frame agrees with the model: finds the change that no map explains, and names the faulty electrode or pair.
-//! Independent of the reconstruction methods.
+//! Checks whether a frame agrees with the model: finds the change that no map explains, and identifies the faulty
+//! electrode or pair. Independent of the reconstruction methods.
 //!
-//! A reading and its reciprocal twin change by the same amount, whatever is on the sheet. Their rotated sum is the data of maps;
-//! their rotated difference contains only noise and measures it. Noise that is neither white nor proportional to the reading
-//! indicates a faulty source or voltmeter. The sums are compared with the most probable map of the whole sheet: x ~ N(0, g^2 / area)
-//! for each triangle, white errors of deviation t, g and t by maximum likelihood. If t exceeds the noise, the excess is the change
-//! that no map explains.
+//! A reading and its reciprocal twin change by the same amount for any load. Their rotated sum is the data of maps;
+//! their rotated difference contains only noise and measures it. Noise that is neither white nor proportional to the
+//! reading indicates a faulty source or voltmeter. The sums are compared with the most probable map of the whole sheet:
+//! x ~ N(0, g^2 / area) for each triangle, white errors of deviation t, g and t by maximum likelihood. If t exceeds the
+//! noise, no map explains the excess.
 
 mod outside;
 mod own_misfit;
@@ -28,24 +28,26 @@ use crate::inverse::prior::Prior;
 use crate::linear_algebra::dense;
 use crate::{Forward, Mesh};
 
-/// Ratio of the readings' noise to the stated one above which, or below whose inverse, the two contradict each other.
+/// The measured and the stated noise of the readings contradict each other if their ratio is above this value or below
+/// its inverse.
 const NOISE_RATIO: f64 = 2.0;
-/// Noise of the most exact instruments, as a share of the readings' rms: less is rounding.
+/// Noise of the most precise instruments, as a share of the readings' rms; smaller values are rounding errors.
 const RESOLUTION: f64 = 1e-7;
-/// Error of the best map over the noise below which it is noise.
+/// Ratio of the best map's error to the noise below which the error is attributed to noise.
 const UNEXPLAINED_NOISE: f64 = 2.0;
-/// Share of the change that a linear model leaves unexplained without being wrong: loads are strong. Healthy frames of
-/// `tactus-lab honesty` have up to 4 %.
+/// Share of the change that a valid linear model may leave unexplained, because it does not describe strong loads
+/// exactly. Healthy frames of `tactus-lab honesty` have up to 4 %.
 const UNEXPLAINED_SHARE: f64 = 0.1;
-/// Improvement of the fit (chi squared of one degree of freedom) by one contact impedance above which the change is at that
-/// electrode. Loads that end 16 mm from the electrode have up to 16, a contact of ten times its impedance 33 or more.
+/// Improvement of the fit (chi squared of one degree of freedom) by one contact impedance above which the change is
+/// attributed to that electrode. Loads that end 16 mm from the electrode reach 16; a contact of ten times its impedance
+/// reaches 33 or more.
 const AT_ELECTRODE: f64 = 40.0;
 /// Correlation of an electrode's readings with their reference, relative to the median electrode's, below which it is dead.
 /// A dead electrode's neighbours, which share half of its pairs, have 0.5.
 const DEAD: f64 = 0.2;
-/// A relative loss that linear maps of real loads reach by their own error.
+/// Largest relative loss that linear maps of real loads show because of the linearisation error.
 const MOST_LOSS: f64 = 1.2;
-/// Share of the region that must lose more: linear maps overshoot in single triangles beside electrodes.
+/// Share of the region that must exceed that loss: linear maps overshoot in single triangles beside electrodes.
 const LOSS_AREA: f64 = 2e-3;
 
 /// Checks frames of one sheet and protocol against the model of the whole sheet.
@@ -54,30 +56,30 @@ pub struct ModelCheck {
     linear: Linear,
     /// The model's readings, in the scale of the data.
     model: Vec<f64>,
-    /// The largest magnitude of them.
+    /// The largest magnitude of the model's readings.
     largest: f64,
-    /// The smallest noise that is not rounding, in the same scale.
+    /// The smallest noise that exceeds rounding errors, in the scale of the data.
     least_noise: f64,
-    /// The whole sheet, for predictions.
+    /// Forward model of the whole sheet, for predictions.
     forward: Forward,
-    /// Its conductance without load.
+    /// Conductance of the sheet without load.
     sigma0: Vec<f64>,
-    /// Triangles that maps show, and their areas, m2.
+    /// Triangles shown by maps, and their areas, m2.
     region: Vec<usize>,
     areas: Vec<f64>,
     /// Covariance of the folded data of a white map of size 1, per area.
     gram: DMatrix<f64>,
-    /// Change of the folded data by a relative change of each contact impedance.
+    /// Change of the folded data per relative change of each contact impedance.
     contacts: DMatrix<f64>,
     /// The sheet outside of the region; `None` if maps show all of it.
     outside: Option<Outside>,
-    /// Standard deviation of one reading in the unit of the model's data; `None` if it is unknown.
+    /// Standard deviation of one reading in the unit of the model's data; `None` if unknown.
     noise: Option<f64>,
-    /// For the missing readings of the last frame: they seldom change.
+    /// Prepared for the missing readings of the last frame; they seldom change.
     prepared: Mutex<Option<Arc<Prepared>>>,
 }
 
-/// What depends on the missing readings alone.
+/// Quantities that depend only on which readings are missing.
 struct Prepared {
     missing: Vec<usize>,
     reciprocal: Reciprocal,
@@ -87,24 +89,24 @@ struct Prepared {
 
 /// The change of the readings of one frame.
 struct Change {
-    /// Folded, in the scale of the model.
+    /// The change, folded, in the scale of the model.
     data: DVector<f64>,
-    /// Its root mean square.
+    /// Root mean square of the change.
     size: f64,
-    /// Standard deviation of one number of it by the stated noise.
+    /// Standard deviation of each datum according to the stated noise.
     stated: Option<f64>,
-    /// The same by the noise that was found, else the stated one.
+    /// Standard deviation of each datum according to the measured noise, or else the stated noise.
     noise: f64,
-    /// The same with noise in proportion to the reading.
+    /// The noise including the part proportional to the reading.
     expected: f64,
     found: Found,
-    /// The best map of the whole sheet; `None` if the readings have none.
+    /// The best map of the whole sheet; `None` if the readings allow none.
     fit: Option<Fit>,
     prepared: Arc<Prepared>,
 }
 
 impl Change {
-    /// The share of the change that an error of this size (rms) is, beyond the noise.
+    /// The share of the change that corresponds to an error of this size (rms) after subtraction of the noise.
     fn share(&self, error: f64) -> f64 {
         (error.powi(2) - self.expected.powi(2)).max(0.0).sqrt() / self.size
     }
@@ -191,8 +193,8 @@ impl ModelCheck {
         }
     }
 
-    /// The change of these readings and its noise. `None` for the baseline itself, and for readings that cannot be compared
-    /// (wrong counts, a dead baseline): the method refuses them.
+    /// The change of these readings and its noise. `None` for the baseline itself, and for readings that cannot be
+    /// compared (wrong counts, a dead baseline), which the method refuses.
     fn change(&self, baseline: &[Reading], frame: &[Reading]) -> Option<Change> {
         let compared = self
             .linear
@@ -204,14 +206,14 @@ impl ModelCheck {
         let prepared = self.prepared(missing)?;
         let data = self.linear.fold.seen(&change, &prepared.missing).data;
         let size = (data.norm_squared() / data.len() as f64).sqrt();
-        // baseline and frame have noise
+        // baseline and frame both contribute noise
         let stated = self.noise.map(|noise| std::f64::consts::SQRT_2 * noise);
         let found = prepared
             .reciprocal
             .of(&change, stated, self.least_noise, size);
         let fit = prepared.spectrum.fit(&data);
         let left_by_fit = fit.as_ref().map(|fit| fit.error);
-        // without twins, the error of the fit is all that is known of the noise
+        // without twins, the error of the fit is the only estimate of the noise
         let noise = found
             .noise
             .or(stated)
@@ -230,7 +232,8 @@ impl ModelCheck {
         })
     }
 
-    /// Why a map of a change is not sound, whatever the method, besides what its twins show.
+    /// Reasons why the map of a change is unreliable, independent of the method, except those found from reciprocal
+    /// twins.
     fn of_change(&self, change: &Change) -> Vec<Doubt> {
         let mut doubts = Vec::new();
         let Change {
@@ -305,7 +308,7 @@ impl ModelCheck {
         let (mut doubts, mut dead) = (Vec::new(), Vec::new());
         for (in_baseline, readings, reference) in [(true, &before, &model), (false, &now, &before)]
         {
-            // one at a time: a dead electrode's neighbours share its readings
+            // one at a time, because a dead electrode shares readings with its neighbours
             while let Some(electrode) = self.first_dead(readings, reference, &dead) {
                 dead.push(electrode);
                 doubts.push(Doubt::DeadElectrode {
@@ -317,7 +320,8 @@ impl ModelCheck {
         doubts
     }
 
-    /// The electrode whose readings follow the reference least, if it is dead; readings of `others` do not count.
+    /// The electrode with the smallest regression on the reference, if it is dead; readings that use `others` are
+    /// excluded.
     fn first_dead(
         &self,
         readings: &[Option<f64>],
@@ -373,7 +377,7 @@ impl ModelCheck {
     }
 }
 
-/// The reason that a map's own values give, if any; `areas` are those of its triangles.
+/// The doubt raised by a map's values themselves, if any; `areas`: areas of its triangles.
 fn impossible(values: &[f64], areas: &[f64]) -> Option<Doubt> {
     let mut losses: Vec<(f64, f64)> = values
         .iter()

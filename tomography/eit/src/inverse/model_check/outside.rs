@@ -8,17 +8,17 @@ use crate::Mesh;
 use crate::inverse::reciprocity::Seen;
 use crate::linear_algebra::dense;
 
-/// Share of the explained change that comes from outside of the region, and share of the area lost there that lies near one
-/// electrode and its neighbours, above which a load is reported as there.
+/// A load outside of the region is reported if more than this share of the explained change comes from outside of the
+/// region, and more than this share of the area lost there lies near one electrode and its neighbours.
 const MOST: f64 = 0.5;
-/// Root mean square of that change, in units of the noise, below which it is noise.
+/// Root mean square of that change, in units of the noise, below which it is attributed to noise.
 const ABOVE_NOISE: f64 = 3.0;
 
 /// The sheet outside of the region.
 pub(super) struct Outside {
-    /// Change of the folded data by each triangle of it.
+    /// Change of the folded data caused by each of these triangles.
     sensitivity: DMatrix<f64>,
-    /// Covariance of the folded data of a white map of it, of size 1, per area.
+    /// Covariance of the folded data of a white map of these triangles, of size 1, per area.
     gram: DMatrix<f64>,
     /// The electrode nearest to each triangle.
     nearest: Vec<Electrode>,
@@ -57,7 +57,7 @@ impl Outside {
         })
     }
 
-    /// The same for the readings that are left.
+    /// Restricts the data to the remaining readings.
     pub(super) fn of(&self, rows: &Seen) -> Self {
         let one_side = rows.rows(&self.gram).transpose();
         Self {
@@ -68,7 +68,7 @@ impl Outside {
         }
     }
 
-    /// The load, if most of the change comes from outside of the region; `noise`: standard deviation of the data.
+    /// The load outside of the region, if it causes most of the change; `noise`: standard deviation of the data.
     pub(super) fn load(&self, explained: &Explained, noise: f64) -> Option<Doubt> {
         let from_here = &self.gram * &explained.dual;
         let all = explained.data.norm_squared();
@@ -77,7 +77,7 @@ impl Outside {
         if !(share > MOST && size > ABOVE_NOISE * noise) {
             return None;
         }
-        // the area that is lost near each electrode: x = change / area
+        // the lost area near each electrode: x = change / area
         let map = self.sensitivity.tr_mul(&explained.dual);
         let mut lost = vec![0.0; self.electrodes];
         for (change, electrode) in map.iter().zip(&self.nearest) {
@@ -85,7 +85,7 @@ impl Outside {
         }
         let all: f64 = lost.iter().map(|area| area.max(0.0)).sum();
         let (most, _) = lost.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
-        // a change of the whole rim is no load
+        // a change along the whole edge is not a load
         let count = self.electrodes;
         let near: f64 = [most + count - 1, most, most + 1]
             .into_iter()

@@ -1,13 +1,13 @@
-//! What a map itself leaves unexplained: the difference between the change that was measured and the one that the sheet has
-//! with the map's conductance. A learned map is judged by that of cases that its training has not seen.
+//! The misfit of a map: the difference between the measured change and the change predicted from the map's conductance.
+//! The misfit of a learned map is compared with that of held-out cases, which were not used in training.
 //!
-//! The prediction is a full solution: a linear one leaves twice as much of strong loads unexplained. What a map leaves depends
-//! on the size of the change: noise rules the small ones, saturated outputs the large ones. Therefore each class of sizes
-//! has a limit of its own. A load outside of the region is no exception: a learned method puts it into the region, where it
-//! is wrong.
+//! The prediction is a full solution: a linear one leaves twice as much of strong loads unexplained. The misfit depends
+//! on the size of the change: noise dominates in small changes, saturated outputs in large ones. Therefore each class
+//! of sizes has its own limit. Loads outside of the region are judged in the same way: a learned method shows them
+//! inside the region, where they are wrong.
 //!
-//! Sizes are those of the folded data: of each pair of reciprocal twins the rotated sum, (a + b) / sqrt 2 at equal currents. A change
-//! of both twins is sqrt 2 times as large in it, their noise is not.
+//! Sizes are those of the folded data: the rotated sum of each pair of reciprocal twins, (a + b) / sqrt 2 at equal
+//! currents. An equal change of both twins is multiplied by sqrt 2 in the sum, their noise is not.
 
 use serde::{Deserialize, Serialize};
 use survey::{Doubt, Reading};
@@ -15,13 +15,14 @@ use survey::{Doubt, Reading};
 use super::{Change, ModelCheck};
 use crate::inverse::learned::network::FAMILIAR_SHARE;
 
-/// Change of the readings over its noise (both rms) below which a map is not judged.
+/// Ratio of the change of the readings to its noise (both rms) below which a map is not judged.
 const ABOVE_NOISE: f64 = 3.0;
-/// Noise over that of the training above which a map is not judged: it shows noise that the training did not have.
+/// Ratio of the noise to that of the training above which a map is not judged: the map then shows noise that did not
+/// occur in training.
 const MORE_NOISE: f64 = 2.0;
-/// Least conductance of a triangle as a share of the unloaded one: learned maps show losses of 100 % and more.
+/// Smallest conductance of a triangle as a share of the unloaded one: learned maps can show losses of 100 % and more.
 const LEAST: f64 = 1e-3;
-/// Most classes of sizes, and fewest cases of a class.
+/// Largest number of classes of sizes, and smallest number of cases in a class.
 const CLASSES: usize = 4;
 const FEWEST: usize = 100;
 
@@ -32,7 +33,7 @@ pub struct OwnMisfit {
     /// Noise of the change of one reading (rms), relative to the largest reading of the baseline: white noise, plus drift if the training
     /// included it.
     pub noise: f64,
-    /// Classes of changes, smallest first, as many cases in each.
+    /// Classes of changes, smallest first; all classes have equally many cases.
     pub classes: Vec<MisfitClass>,
 }
 
@@ -42,7 +43,7 @@ pub struct MisfitClass {
     /// Smallest change of its cases, relative to the largest reading of the baseline. A change is the rms of the rotated sums of
     /// reciprocal twins: sqrt 2 times the rms change of the readings.
     pub above: f64,
-    /// Cases.
+    /// Number of cases.
     pub cases: usize,
     /// Median share of the change that their maps leave unexplained.
     pub median: f64,
@@ -50,17 +51,18 @@ pub struct MisfitClass {
     pub limit: f64,
 }
 
-/// What one map leaves unexplained.
+/// The misfit of one map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leftover {
-    /// The change, as [`MisfitClass::above`].
+    /// The size of the change, as in [`MisfitClass::above`].
     pub change: f64,
-    /// Share of it that is unexplained (rms), after subtraction of the noise.
+    /// Share of the change that is unexplained (rms), after subtraction of the noise.
     pub share: f64,
 }
 
 impl OwnMisfit {
-    /// From the maps of held-out cases; `None` if they are fewer than a hundred, or have numbers that are not finite.
+    /// Computes the classes from the maps of held-out cases; `None` if there are fewer than a hundred, or if a number
+    /// is not finite.
     pub fn of(noise: f64, mut cases: Vec<Leftover>) -> Option<Self> {
         let count = (cases.len() / FEWEST).min(CLASSES);
         if count == 0 {
@@ -86,7 +88,8 @@ impl OwnMisfit {
         misfit.is_sound().then_some(misfit)
     }
 
-    /// Whether its numbers can be those of held-out cases: finite, with a noise, and with classes from small to large changes.
+    /// Whether the numbers are plausible for held-out cases: finite, with a noise, and with classes from small to large
+    /// changes.
     pub(crate) fn is_sound(&self) -> bool {
         self.noise > 0.0
             && self.noise.is_finite()
@@ -95,7 +98,7 @@ impl OwnMisfit {
             && self.classes.iter().all(MisfitClass::is_sound)
     }
 
-    /// The class of a change; `None` if it is smaller than those of all cases.
+    /// The class of a change; `None` if the change is smaller than those of all cases.
     fn class(&self, change: f64) -> Option<&MisfitClass> {
         self.classes.iter().rfind(|class| class.above <= change)
     }
@@ -112,14 +115,14 @@ impl MisfitClass {
     }
 }
 
-/// With four digits: they are read again exactly, and more would depend on the processor.
+/// Rounds to four digits: these are restored exactly from text, while further digits would depend on the processor.
 fn rounded(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
 
 impl ModelCheck {
-    /// What a map (relative change of conductance, one value for each triangle of the region) leaves unexplained of these
-    /// readings. `None` if the change is not well above the noise, or cannot be compared, or the map is of another region.
+    /// The misfit of a map (relative change of conductance, one value per triangle of the region) to these readings.
+    /// `None` if the change is not well above the noise or cannot be compared, or if the map is of another region.
     pub fn own_misfit(
         &self,
         baseline: &[Reading],
@@ -129,14 +132,15 @@ impl ModelCheck {
         self.left(&self.change(baseline, frame)?, map)
     }
 
-    /// Why a learned map is not sound, if it leaves more than those of held-out cases do.
+    /// The doubt about a learned map whose misfit exceeds the limit from held-out cases.
     pub(super) fn own_doubt(
         &self,
         change: &Change,
         map: &[f64],
         usual: &OwnMisfit,
     ) -> Option<Doubt> {
-        // a learned method is told nothing of a reading that is missing with its twin; the limits are those of complete frames
+        // a learned method gets no information about a reading that is missing together with its twin; the limits hold
+        // for complete frames
         let complete = change.data.len() == self.linear.fold.rows();
         if !complete || change.noise > MORE_NOISE * usual.noise * self.largest {
             return None;

@@ -1,6 +1,8 @@
-//! The differences of reciprocal readings: noise, pairs that are noisier than the others, and gains of injections.
+//! Tests on the differences of reciprocal readings: noise, pairs that are noisier than the others, and gains of
+//! injections.
 //!
-//! The noise of a difference has a white part, and a part in proportion to the reading: the noise of the source's current.
+//! The noise of a difference has a white part and a part proportional to the reading, which is the noise of the
+//! source's current.
 
 use std::collections::BTreeMap;
 
@@ -11,17 +13,17 @@ use super::NOISE_RATIO;
 use crate::inverse::reciprocity::Fold;
 use crate::linear_algebra::dense;
 
-/// Fewest differences from which anything is concluded, beside those that the gains take.
+/// Smallest number of differences for any conclusion, in addition to those used up by the gains.
 const FEWEST: usize = 30;
 /// Median of the square of a standard normal number.
 const MEDIAN_SQUARE: f64 = 0.454_936;
-/// Noise of a reading in proportion to its size that is no fault.
+/// Largest proportional noise of a reading that does not indicate a fault.
 const PROPORTIONAL: f64 = 3e-4;
-/// Mean square of a pair's differences, in units of their noise, above which the pair is noisier: once in 10^9 frames of
-/// 23 white differences a pair.
+/// Mean square of a pair's differences, in units of their noise, above which the pair is noisy. White noise with 23
+/// differences per pair exceeds it once in 10^9 frames.
 const NOISY_PAIR: f64 = 5.0;
-/// Mean square of the components that gains explain, in units of their noise, above which gains have changed: with 25
-/// gains, once in 10^8 frames.
+/// Mean square of the components that gains explain, in units of their noise, above which gains have changed. With 25
+/// gains, noise exceeds it once in 10^8 frames.
 const GAINS: f64 = 4.0;
 
 /// The rotated difference of two twins that are both valid.
@@ -31,15 +33,15 @@ struct Difference {
     shares: [f64; 2],
     /// Indices of the pairs of electrodes that drive the readings.
     drives: [usize; 2],
-    /// Change of the difference by a relative change of each drive's gain.
+    /// Change of the difference per relative change of each drive's gain.
     slopes: [f64; 2],
-    /// Its noise for a proportional noise of 1.
+    /// Noise of the difference for a proportional noise of 1.
     size: f64,
 }
 
 /// The differences of a protocol.
 pub(super) struct Reciprocal {
-    /// Smallest readings first.
+    /// Ordered by the size of the readings, smallest first.
     differences: Vec<Difference>,
     /// First electrode of each pair of electrodes that drives.
     electrodes: Vec<Electrode>,
@@ -49,7 +51,7 @@ pub(super) struct Reciprocal {
 pub(super) struct Found {
     /// White noise of a difference; `None` if there are too few.
     pub(super) noise: Option<f64>,
-    /// Root mean square of the proportional noise that is no fault.
+    /// Root mean square of the largest proportional noise that does not indicate a fault.
     pub(super) proportional: f64,
     pub(super) doubts: Vec<Doubt>,
 }
@@ -128,7 +130,7 @@ impl Reciprocal {
         let Some(first) = self.fit(&values, stated.unwrap_or(least).max(least)) else {
             return found;
         };
-        // the white noise from the smaller half of the readings, where the proportional one is least
+        // the white noise is estimated from the smaller half of the readings, which have the least proportional noise
         let mut squares: Vec<f64> = first.left[..count / 2].iter().map(|v| v * v).collect();
         squares.sort_unstable_by(f64::total_cmp);
         let free = 1.0 - self.electrodes.len() as f64 / count as f64;
@@ -150,7 +152,7 @@ impl Reciprocal {
                 electrode: self.electrodes[pair],
                 ratio: ratio.sqrt(),
             });
-            return found; // such a pair looks like a gain too
+            return found; // a noisy pair would also look like a gain
         }
         if fit.explained > GAINS * self.electrodes.len() as f64 {
             let gains = DVector::from_vec(fit.gains);
@@ -178,7 +180,7 @@ impl Reciprocal {
         noise * noise + (PROPORTIONAL * one.size).powi(2)
     }
 
-    /// The gains that explain the differences best, with this white noise; `None` if they cannot be computed.
+    /// The gains that explain the differences best, at this white noise; `None` if they cannot be computed.
     fn fit(&self, values: &[f64], noise: f64) -> Option<GainFit> {
         let count = self.electrodes.len();
         let mut normal = DMatrix::zeros(count, count);
@@ -193,7 +195,7 @@ impl Reciprocal {
                 }
             }
         }
-        // a gain common to all injections is reciprocal: nothing determines it
+        // a gain common to all injections is reciprocal, so no difference determines it
         let ridge = 1e-9 * normal.trace() / count as f64;
         for k in 0..count {
             normal[(k, k)] += ridge;

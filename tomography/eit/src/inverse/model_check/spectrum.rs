@@ -1,4 +1,4 @@
-//! The best map of the whole sheet, and the contact impedance that explains the data better.
+//! The best map of the whole sheet, and the contact impedance that improves the fit most.
 
 use std::ops::RangeInclusive;
 
@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::inverse::evidence::{self, Evidence};
 
-/// Ratios of the variance of errors to that of maps: steps from the largest eigenvalue, four a decade.
+/// Ratios of the variance of errors to that of maps: steps from the largest eigenvalue, four per decade.
 const STEPS: RangeInclusive<i32> = -40..=3;
 const STEPS_A_DECADE: i32 = 4;
 
@@ -26,11 +26,11 @@ pub(super) struct Fit {
     pub(super) error: f64,
 }
 
-/// What the best map explains.
+/// The change explained by the best map.
 pub(super) struct Explained {
     /// u: the map is x = J'u / area.
     pub(super) dual: DVector<f64>,
-    /// Its data J x.
+    /// The data J x of the map.
     pub(super) data: DVector<f64>,
 }
 

@@ -1,42 +1,43 @@
-//! The unknowns of the nonlinear problem: the triangles of the region one by one or a few together, those outside of it in larger
-//! cells.
+//! The unknowns of the nonlinear problem: single triangles or small cells of the region, and larger cells outside of
+//! it.
 
 use std::collections::BTreeMap;
 
 use crate::inverse::prior::Laplacian;
 use crate::{Mesh, Parameters};
 
-/// Edge of the square cells outside of the region, in mean edges of the region's triangles.
+/// Edge length of the square cells outside of the region, in mean edge lengths of the region's triangles.
 const OUTSIDE_EDGE: f64 = 2.5;
-/// The same in the region, for the first steps of the search.
+/// Edge length of the cells in the region during the first steps of the search, in the same unit.
 const INSIDE_EDGE: f64 = 2.0;
-/// How often values are replaced by the means over their neighbours to smooth them.
+/// Number of passes that replace values by the means over their neighbours.
 const SMOOTHED: usize = 2;
 
-/// Cells of a mesh.
+/// The triangles of a mesh, grouped into cells.
 pub(super) struct Cells {
     /// The triangles of each cell.
     pub(super) triangles: Vec<Vec<usize>>,
     /// The cell of each triangle.
     of: Vec<usize>,
-    /// Area of each cell over the mean area of a triangle of the region.
+    /// Ratio of each cell's area to the mean area of a triangle of the region.
     pub(super) sizes: Vec<f64>,
-    /// Neighbours, with the length of their border, m, as weight.
+    /// Neighbouring cells, weighted by the length of their common border, m.
     pub(super) neighbours: Laplacian,
 }
 
 impl Cells {
-    /// The first cells are the triangles of the region, in their order.
+    /// Each triangle of the region is a cell; these cells come first, in the order of the region.
     pub(super) fn fine(mesh: &Mesh) -> Self {
         Self::new(mesh, None)
     }
 
-    /// Cells of several triangles in the region too.
+    /// The region is also divided into cells of several triangles.
     pub(super) fn coarse(mesh: &Mesh) -> Self {
         Self::new(mesh, Some(INSIDE_EDGE))
     }
 
-    /// `inside`: edge of the cells of the region, in mean edges of its triangles; `None`: each triangle is one.
+    /// `inside`: edge length of the region's cells, in mean edge lengths of its triangles; `None`: each triangle is a
+    /// cell.
     fn new(mesh: &Mesh, inside: Option<f64>) -> Self {
         let area: f64 = mesh.region_areas().iter().sum();
         let mean = area / mesh.region().len() as f64;
@@ -101,13 +102,13 @@ impl Cells {
         }
     }
 
-    /// The values of these cells from those of larger ones.
+    /// Transfers values from larger cells to these cells.
     pub(super) fn refined(&self, coarse: &Self, values: &[f64]) -> Vec<f64> {
         let cells = self.triangles.iter();
         cells.map(|members| values[coarse.of[members[0]]]).collect()
     }
 
-    /// Means over neighbours.
+    /// Smooths values by means over neighbours.
     pub(super) fn smoothed(&self, values: &[f64]) -> Vec<f64> {
         let mut smooth = values.to_vec();
         for _ in 0..SMOOTHED {
@@ -129,12 +130,12 @@ impl Cells {
         self.triangles.len()
     }
 
-    /// The columns of a sensitivity to the logarithm of each cell's conductance.
+    /// The parameters of a sensitivity to the logarithm of each cell's conductance.
     pub(super) fn parameters(&self, mesh: &Mesh) -> Parameters {
         Parameters::cells(mesh, self.triangles.clone()).logarithmic()
     }
 
-    /// The conductance of each triangle, for the change of the logarithm of each cell's.
+    /// The conductance of each triangle for these changes of the logarithm of each cell's conductance.
     pub(super) fn conductances(&self, sigma0: &[f64], change: &[f64]) -> Vec<f64> {
         let mut sigma = sigma0.to_vec();
         for (members, change) in self.triangles.iter().zip(change) {

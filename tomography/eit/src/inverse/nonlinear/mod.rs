@@ -1,10 +1,11 @@
-//! Total variation with the full forward model: large and wide loads cause no linearisation error, and losses only take
-//! conductance away.
+//! Total variation with the full forward model: large and wide loads cause no linearisation error, and loads only
+//! reduce conductance.
 //!
-//! - [`cells`]: the unknowns, ln sigma of the triangles of the region and of larger cells outside of it; larger ones in the region
-//!   too for the first steps
+//! - [`cells`]: the unknowns, ln sigma of the triangles of the region and of larger cells outside of it; the first
+//!   steps use larger cells in the region too
 //! - [`penalty`]: the least-squares problem of a step
-//! - [`solver`]: Gauss and Newton's method, first with few unknowns; a load over most of the sheet that changes slowly needs no more
+//! - [`solver`]: Gauss-Newton method, first with few unknowns; a load that covers most of the sheet and changes slowly
+//!   needs only these
 
 mod cells;
 mod penalty;
@@ -28,27 +29,29 @@ use crate::{
     ReconstructError, Reconstructor, Scale,
 };
 
-/// alpha times the square root of the region's area: the penalty of a border as long as the region is wide, where ln sigma
-/// jumps by 1, in squared deviations of a reading. Chosen on loads of seed 7 (`tactus-lab honesty --maps`): a third of it
-/// gives presses sharper edges and wide loads steps, three times as much blurs presses.
+/// alpha times the square root of the region's area: the penalty of a border whose length is the region's width and
+/// where ln sigma jumps by 1, in squared deviations of a reading. Chosen on loads of seed 7 (`tactus-lab honesty
+/// --maps`): with a third of it, presses get sharper edges but wide loads get steps; three times as much blurs presses.
 const STRENGTH: f64 = 11.0;
-/// Standard deviation of the model's error as a share of the root mean square of a change: what the true outlines of discs
-/// and rings leave unexplained when the data come from a finer mesh.
+/// Standard deviation of the model's error as a share of the root mean square of a change: the unexplained share for
+/// the true outlines of discs and rings, with data from a finer mesh.
 const MODEL_ERROR: f64 = 0.004;
-/// The same at which the search begins: an error of the linearisation too. It is lowered to what the map leaves unexplained.
+/// Error share at the start of the search, which includes the linearisation error. It is then lowered to the share that
+/// the map leaves unexplained.
 const FIRST_ERROR: f64 = 0.05;
-/// Shapes explain a frame if the mean square that they leave is at most this many times the variance of the errors, and that
-/// of the model's error.
+/// Shapes explain a frame if their mean square residual is at most this multiple of the variance of the errors, model
+/// error included.
 const ACCEPTED: f64 = 1.25;
-/// Mean correlation of a map with what the posterior leaves possible, below which the map is doubtful: of shapes, whose posterior is too
-/// narrow, and of total variation, whose draws are rougher than loads. Chosen on loads of seed 31 (`tactus-lab honesty --maps`),
-/// where no map above them agrees with its load to less than 0.5: decision 183.
+/// Smallest mean correlation between a map and draws from its posterior; below it the map is doubtful. One limit for
+/// shapes, whose posterior is too narrow, and one for total variation, whose draws are rougher than loads. Chosen on
+/// loads of seed 31 (`tactus-lab honesty --maps`), where no map above these limits correlates with its load by less
+/// than 0.5: decision 183.
 const LEAST_OF_SHAPES: f64 = 0.95;
 const LEAST_OF_VARIATION: f64 = 0.3;
 /// Spread of the losses of the linear map above which a load may be smooth. Chosen on loads of seed 61 (`tactus-lab honesty --maps`):
 /// ramps and fields have at least 0.5, all others at 2 and 20 uV at most 0.5.
 const WIDE: f64 = 0.5;
-/// Power of the sensitivity in the linear prior by which a frame is told from noise.
+/// Power of the sensitivity in the linear prior used to distinguish a frame from noise.
 const NOSER_POWER: f64 = 0.25;
 
 /// Settings of a [`NonlinearTv`].
@@ -57,10 +60,10 @@ pub struct NonlinearTvOptions {
     /// Standard deviation of one reading, V, the same on baseline and frame. If `None`, the errors are estimated from
     /// the residual of each frame's map.
     pub noise_v: Option<f64>,
-    /// Injected current of that noise, A.
+    /// Injected current to which `noise_v` refers, A.
     pub current_a: f64,
-    /// Largest share of the squared change of a frame that a map of losses alone may leave unexplained beyond what a map with gains
-    /// leaves. If it leaves more, gains are not penalised in the map. `None`: maps show losses only.
+    /// Largest share of a frame's squared change that a map of losses alone may leave unexplained, in addition to the
+    /// share left by a map with gains. If it leaves more, gains are not penalised. `None`: maps show losses only.
     pub most_gain: Option<f64>,
     /// The baseline's scale.
     pub scale: Scale,
@@ -80,25 +83,25 @@ impl Default for NonlinearTvOptions {
 
 /// Reconstructs maps by total variation of the logarithm of conductance on the whole sheet, with the full forward model.
 ///
-/// Errors of a reading are the noise, or 0.4 % of the change where that is larger; they are raised to what the map leaves
-/// unexplained.
+/// The errors of a reading are the noise, or 0.4 % of the change if that is larger; they are raised to the unexplained
+/// rest of the map.
 pub struct NonlinearTv {
     linear: Linear,
     sheet: Sheet,
     /// Judges whether a frame shows more than noise.
     rule: FrameRule,
     shapes: Shapes,
-    /// Standard deviation of a change by noise, in the unit of the data; `None` if it is unknown.
+    /// Standard deviation of a change due to noise, in the unit of the data; `None` if unknown.
     noise: Option<f64>,
     protocol: Protocol,
     most_gain: Option<f64>,
 }
 
-/// A map and its method.
+/// A map with the method that made it.
 struct Likely {
     values: Vec<f64>,
     method: String,
-    /// The mean correlation with what else is possible, if the noise leaves too much possible.
+    /// The mean correlation with other possible maps, if the noise allows too different ones.
     doubtful: Option<f64>,
     evidence: Option<Evidence>,
 }
@@ -180,7 +183,7 @@ impl NonlinearTv {
         let least = noise.max(model);
         let first = least.max(FIRST_ERROR * size);
         let most = |error: f64| ACCEPTED * error * error + model * model;
-        // shapes cost a tenth of the minimum, a smooth load a fifth
+        // shapes take a tenth of the time of the minimum, a smooth load a fifth
         let mut next = None;
         if self.noise.is_some() {
             let start = self.shown(&linear, 0.0);
@@ -226,7 +229,7 @@ impl NonlinearTv {
         })
     }
 
-    /// The mean of the maps of what shapes may be.
+    /// The mean of the maps of all probable shapes.
     fn of_shapes(&self, shapes: Explained) -> Likely {
         let mut values = vec![0.0; self.mesh().region().len()];
         for possible in &shapes.maps {
@@ -242,7 +245,7 @@ impl NonlinearTv {
         }
     }
 
-    /// The map of a minimum; `next`: the shapes that come nearest.
+    /// The map of a minimum; `next`: the next best explanation by shapes.
     fn likely(
         &self,
         found: &Found<'_>,
@@ -254,7 +257,8 @@ impl NonlinearTv {
         self.of_values(found, method, evidence, |change| self.shown(change, most))
     }
 
-    /// The map of a smooth load that leaves this share of what may be left; `next`: the disc that leaves more.
+    /// The map of a smooth load with residual `left`, as a share of the accepted one; `next`: the disc, whose residual
+    /// is larger.
     fn of_smooth(&self, found: &Found<'_>, left: f64, next: Option<NextKind>) -> Likely {
         let evidence = Evidence {
             left: Some(left),
@@ -283,7 +287,7 @@ impl NonlinearTv {
         }
     }
 
-    /// (sum |x|)^2 over area and sum x^2: 1 for the same change everywhere, the share of the area that is changed for one load.
+    /// (sum |x|)^2 over area and sum x^2: 1 for a uniform change; for one load, the share of the area that changed.
     fn spread(&self, map: &[f64]) -> f64 {
         let areas = self.mesh().region_areas();
         let sum = |power: i32| -> f64 {
@@ -293,7 +297,7 @@ impl NonlinearTv {
         sum(1).powi(2) / (areas.iter().sum::<f64>() * sum(2)).max(f64::MIN_POSITIVE)
     }
 
-    /// The mean correlation of a map with others that are possible, if it is below `least`.
+    /// The mean correlation of a map with other possible maps, if it is below `least`.
     fn doubtful(&self, map: &[f64], possible: &[Vec<f64>], least: f64) -> Option<f64> {
         let areas = self.mesh().region_areas();
         let all = possible
@@ -303,7 +307,7 @@ impl NonlinearTv {
         Some(mean).filter(|mean| *mean < least)
     }
 
-    /// The relative changes of the region, at most `most`.
+    /// The relative changes in the region, limited to `most`.
     fn shown(&self, change: &[f64], most: f64) -> Vec<f64> {
         let region = self.mesh().region().len();
         let changes = change[..region].iter();

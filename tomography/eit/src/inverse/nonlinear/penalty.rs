@@ -12,20 +12,20 @@ use crate::linear_algebra::sparse::Block;
 
 /// b: differences of ln sigma below this are penalised as squares.
 const SMOOTH: f64 = 0.02;
-/// k: a gain of ln sigma in one triangle of the region costs what this many squared deviations of a reading cost.
+/// k: penalty of a unit gain of ln sigma in one triangle of the region, in squared deviations of a reading.
 pub(super) const GAIN_PENALTY: f64 = 1e3;
-/// r: determines the mean level where readings do not.
+/// r: determines the mean level if the readings do not.
 pub(super) const LEVEL: f64 = 1e-4;
 /// Draws of the posterior: a whole number of lanes.
 const DRAWS: usize = 16;
 const SEED: u64 = 3;
 
-/// What differences between neighbours cost.
+/// Penalty of differences between neighbours.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Differences {
-    /// Their amount: a load has borders.
+    /// The absolute difference: for loads with borders.
     Amount,
-    /// Their square over 2 c: a load changes slowly from place to place.
+    /// The square over 2 c: for loads that change slowly with position.
     Square(f64),
 }
 
@@ -41,7 +41,7 @@ impl Differences {
         }
     }
 
-    /// The curvature of the parabola that touches the cost at a difference.
+    /// The curvature of the parabola that is tangent to the penalty at a difference.
     fn curvature(self, difference: f64) -> f64 {
         match self {
             Self::Amount => 1.0 / difference.hypot(SMOOTH),
@@ -50,16 +50,16 @@ impl Differences {
     }
 }
 
-/// The least-squares problem of a step, in deviations of a reading.
+/// The linearised least-squares problem of a step, in units of a reading's deviation.
 pub(super) struct Linearised {
-    /// A row for each cell, a column for each reading.
+    /// A row per cell, a column per reading.
     sensitivity: Block,
     /// d - c(u) + J u
     data: DVector<f64>,
 }
 
 impl Linearised {
-    /// Linearised at a change of ln sigma, with what is left of the readings there.
+    /// Linearises at a change of ln sigma, with the residual of the readings there.
     pub(super) fn new(
         sensitivity: &DMatrix<f64>,
         change: &[f64],
@@ -85,7 +85,7 @@ pub(super) struct Penalty<'a> {
     alpha: f64,
     laplacian: Laplacian,
     half: Half,
-    /// The cells with gains in the solution of the step before, which are penalised; `None` if gains are free.
+    /// Cells with gains in the solution of the previous step, which are penalised; `None` if gains are free.
     gains: Option<Vec<bool>>,
     differences: Differences,
 }
@@ -93,7 +93,7 @@ pub(super) struct Penalty<'a> {
 /// The solution of a step.
 pub(super) struct Solution {
     pub(super) change: Vec<f64>,
-    /// Degrees of freedom of the data that it uses.
+    /// Degrees of freedom of the data used by the solution.
     pub(super) degrees: f64,
     /// H = L^-1 J', with L L' the penalty, and (H'H + 1)^-1.
     halved: Block,
@@ -101,7 +101,7 @@ pub(super) struct Solution {
 }
 
 impl<'a> Penalty<'a> {
-    /// `bounded`: gains are penalised, those at `start` from the first step on.
+    /// `bounded`: gains are penalised; the gains at `start` are penalised from the first step on.
     pub(super) fn new(
         cells: &'a Cells,
         pattern: &Half,
@@ -174,7 +174,8 @@ impl<'a> Penalty<'a> {
         })
     }
 
-    /// Draws of the posterior round `at`, whose deviations are x = L^-T (p + H (H'H + 1)^-1 (e - H'p)) with white p and e.
+    /// Draws from the posterior around `at`; their deviations are x = L^-T (p + H (H'H + 1)^-1 (e - H'p)) with white p
+    /// and e.
     pub(super) fn possible(&self, solution: &Solution, at: &[f64]) -> Vec<Vec<f64>> {
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };

@@ -1,12 +1,12 @@
-//! Gauss and Newton's method for total variation in the logarithm of conductance, with a penalty on gains.
+//! Gauss-Newton method for total variation of the logarithm of conductance, with a penalty on gains.
 //!
 //! f(u) = |d - c(u)|^2 / 2 s^2 + alpha sum L_e sqrt((u_a - u_b)^2 + b^2) + k sum A_i max(u_i, 0)^2 / 2 + r |u|^2 / 2
 //!
 //! with u the change of ln sigma of each cell, c(u) the change of the readings by the forward model, s the deviation of a
-//! reading, L_e the length of a border and A_i the size of a cell. The square root is replaced by its tangent parabola at
-//! each step (lagged diffusivity: C. Vogel, M. Oman, SIAM J. Sci. Comput. 17 (1996) 227), so that a step solves a
-//! least-squares problem with a sparse penalty, in the space of the readings. For a load that changes slowly from place to place
-//! the square root is replaced by (u_a - u_b)^2 / 2 c.
+//! reading, L_e the length of a border and A_i the size of a cell. The square root is replaced by its tangent parabola
+//! at each step (lagged diffusivity: C. Vogel, M. Oman, SIAM J. Sci. Comput. 17 (1996) 227), so that a step solves a
+//! least-squares problem with a sparse penalty, in the space of the readings. For a load that changes slowly with
+//! position the square root is replaced by (u_a - u_b)^2 / 2 c.
 
 use nalgebra::{DMatrix, DVector};
 use survey::Protocol;
@@ -18,40 +18,43 @@ use crate::inverse::prior::Half;
 use crate::inverse::reciprocity::Seen;
 use crate::{Forward, ForwardError, Mesh, OneStepError, Parameters};
 
-/// Least and most steps with few unknowns, and after them with those of the map, which begin at a map of squares.
+/// Fewest and most steps with few unknowns, and after them with the unknowns of the map, starting at a map of squares.
 const COARSE_STEPS: [usize; 2] = [1, 12];
 const FINE_STEPS: [usize; 2] = [3, 8];
-/// c of smooth loads: the first that explains a frame. Chosen on ramps and fields of seed 61 (`tactus-lab honesty --maps`).
+/// Values of c for smooth loads; the first one that explains a frame is used. Chosen on ramps and fields of seed 61
+/// (`tactus-lab honesty --maps`).
 const SLOPES: [f64; 2] = [0.006, 0.02];
-/// Steps for each.
+/// Fewest and most steps for each value of c.
 const SMOOTH_STEPS: [usize; 2] = [2, 4];
 const SMOOTH_DONE: f64 = 0.1;
-/// The sensitivity of a smooth load is kept from step to step while the root mean square of the change of ln sigma since is less than
-/// this. Total variation loses by it: 0.005 of correlation in the mean of six crescents, feet or seven discs of seeds 19 and 61.
+/// The sensitivity of a smooth load is reused in later steps while the root mean square of the change of ln sigma since
+/// its computation is less than this. Total variation recomputes it, because reuse lowers the correlation by 0.005 in
+/// the mean of six crescents, feet or seven discs of seeds 19 and 61.
 const KEPT_WITHIN: f64 = 0.03;
 /// Largest change of ln sigma in a step.
 const LONGEST: f64 = 1.5;
-/// Lowest ln sigma: below it a cell insulates.
+/// Lowest ln sigma: a cell below it is effectively an insulator.
 const LOWEST: f64 = -6.0;
-/// The search ends when a step improves the objective by less than this share: with few unknowns, and with those of the map.
+/// The search ends when a step improves the objective by less than this share: with few unknowns, and with the unknowns
+/// of the map.
 const COARSE_DONE: f64 = 0.2;
 const DONE: f64 = 0.05;
 /// Most halvings of a step.
 const HALVINGS: usize = 4;
-/// The deviation is lowered to what the map leaves unexplained, if that is less than this share of it.
+/// The deviation is lowered to the unexplained rest of the map, if that is less than this share of the deviation.
 const KEPT: f64 = 0.8;
-/// The step after which it may also be raised, as where losses cannot explain a frame: later steps would explain it by gains
-/// whatever these cost.
+/// The step after which the deviation may also be raised, e.g. if losses cannot explain a frame: otherwise later steps
+/// would explain the frame by gains at any penalty.
 const RAISED: usize = 4;
 
 /// The sheet and the penalties.
 pub(super) struct Sheet {
     pub(super) forward: Forward,
-    /// Questions of the folded readings, and the factor of each.
+    /// Measurements of the folded readings, and the factor of each.
     pub(super) questions: Protocol,
     pub(super) factors: DVector<f64>,
     pub(super) sigma0: Vec<f64>,
-    /// Unknowns of the first steps, which are few, and those of the map.
+    /// Unknowns of the first steps (few), and unknowns of the map.
     coarse: Level,
     pub(super) fine: Level,
     /// Folded readings of the unloaded sheet.
@@ -71,7 +74,7 @@ pub(super) struct Level {
 }
 
 impl Level {
-    /// Without its sensitivity.
+    /// Creates the level without its sensitivity.
     fn new(mesh: &Mesh, cells: Cells) -> Result<Self, OneStepError> {
         Ok(Self {
             parameters: cells.parameters(mesh),
@@ -81,7 +84,7 @@ impl Level {
         })
     }
 
-    /// Whether the sensitivity at the first changes of the cells is good enough for a step from the second ones.
+    /// Whether the sensitivity at the changes `of` of the cells is accurate enough for a step from `at`.
     fn is_near(&self, of: &[f64], at: &[f64]) -> bool {
         let cells = of.iter().zip(at).zip(&self.cells.sizes);
         let sum: f64 = cells.map(|((a, b), size)| size * (a - b).powi(2)).sum();
@@ -90,21 +93,21 @@ impl Level {
     }
 }
 
-/// A minimum.
+/// A minimum of the objective.
 pub(super) struct Found<'a> {
     /// Change of ln sigma of each cell.
     pub(super) change: Vec<f64>,
-    /// Share of the squared change of the readings that is left.
+    /// Share of the squared change of the readings that remains unexplained.
     pub(super) left: f64,
-    /// Standard deviation of the errors of a reading, from what is left.
+    /// Standard deviation of the errors of a reading, from the residual.
     pub(super) error: f64,
-    /// The last step, for the draws of the posterior.
+    /// The last step, used for draws from the posterior.
     penalty: Penalty<'a>,
     last: Solution,
 }
 
 impl Found<'_> {
-    /// Changes of ln sigma of each cell that errors and penalty leave possible, in the linearised problem of the last step.
+    /// Changes of ln sigma of each cell, drawn from the posterior of the linearised problem of the last step.
     pub(super) fn possible(&self) -> Vec<Vec<f64>> {
         self.penalty.possible(&self.last, &self.change)
     }
@@ -119,7 +122,8 @@ struct Point {
 }
 
 impl Point {
-    /// Standard deviation of the errors of a reading, from what is left by a map with so many degrees of freedom.
+    /// Standard deviation of the errors of a reading, from the residual of a map with this number of degrees of
+    /// freedom.
     fn error(&self, degrees: f64) -> f64 {
         (self.residual.norm_squared() / (self.residual.len() as f64 - degrees)).sqrt()
     }
@@ -176,8 +180,9 @@ impl Sheet {
         Ok(())
     }
 
-    /// The minimum for the change of the readings. The standard deviation of their errors is `first`, then what the map leaves
-    /// unexplained, at least `least`. `bounded`: gains are penalised. `None` if a step cannot be solved.
+    /// The minimum for the change of the readings. The standard deviation of their errors starts at `first` and is then
+    /// set to the unexplained rest of the map, at least `least`. `bounded`: gains are penalised. `None` if a step
+    /// cannot be solved.
     pub(super) fn minimum(
         &self,
         seen: &Seen,
@@ -193,7 +198,7 @@ impl Sheet {
         }
         let cells = &self.fine.cells;
         search.at.change = cells.refined(&self.coarse.cells, &search.at.change);
-        // the borders of the squares are none of the load
+        // the borders of the square cells are not borders of the load
         let borders = cells.smoothed(&search.at.change);
         let found = search.down(&self.fine, &borders, FINE_STEPS, DONE)?;
         let Some((penalty, last)) = found else {
@@ -202,8 +207,9 @@ impl Sheet {
         Ok(Some(search.found(penalty, last)))
     }
 
-    /// The same for a load without gains that changes slowly from place to place, with few unknowns: its values are those of
-    /// [`Self::smooth`]. Also the mean square that it leaves, a share of `most`; `None` also if it leaves more.
+    /// The minimum for a load without gains that changes slowly with position, with few unknowns; [`Self::smooth`]
+    /// gives its values in the triangles. Also the mean square residual, as a share of `most`; `None` also if it
+    /// exceeds `most`.
     pub(super) fn smooth_minimum(
         &self,
         seen: &Seen,
@@ -228,13 +234,13 @@ impl Sheet {
         Ok(None)
     }
 
-    /// The values of the triangles of a smooth map, from those of few unknowns.
+    /// The values of the triangles of a smooth map, from those of the few unknowns.
     pub(super) fn smooth(&self, change: &[f64]) -> Vec<f64> {
         let cells = &self.fine.cells;
         cells.smoothed(&cells.refined(&self.coarse.cells, change))
     }
 
-    /// A search that begins at the unloaded sheet with few unknowns.
+    /// A search that starts at the unloaded sheet with few unknowns.
     fn search<'b>(&self, seen: &'b Seen, first: f64, least: f64, bounded: bool) -> Search<'_, 'b> {
         Search {
             sheet: self,
@@ -256,18 +262,18 @@ impl Sheet {
 struct Search<'a, 'b> {
     sheet: &'a Sheet,
     seen: &'b Seen,
-    /// Least standard deviation of a reading.
+    /// Smallest standard deviation of a reading.
     least: f64,
-    /// Gains are penalised.
+    /// Whether gains are penalised.
     bounded: bool,
     differences: Differences,
-    /// Standard deviation of a reading.
+    /// Present standard deviation of a reading.
     deviation: f64,
     at: Point,
 }
 
 impl<'a> Search<'a, '_> {
-    /// Where it is after a last step.
+    /// The result of the search after its last step.
     fn found(self, penalty: Penalty<'a>, last: Solution) -> Found<'a> {
         Found {
             error: self.at.error(last.degrees),
@@ -278,8 +284,9 @@ impl<'a> Search<'a, '_> {
         }
     }
 
-    /// Takes at most so many steps with the unknowns of a level; returns the last one, or `None` if a step cannot be solved.
-    /// `borders`: the values whose differences decide which borders the first step may part.
+    /// Takes at most this number of steps with the unknowns of a level; returns the last one, or `None` if a step
+    /// cannot be solved. `borders`: the values whose differences determine the weights of the borders in the first
+    /// step.
     fn down(
         &mut self,
         level: &'a Level,
@@ -296,13 +303,13 @@ impl<'a> Search<'a, '_> {
             self.differences,
             &self.at.change,
         );
-        // a map with borders that are none of the load's has no value to compare with
+        // if `borders` differs from the present map, the objective is not comparable with later ones
         let mut value = match borders == self.at.change {
             true => self.value(level, &self.at),
             false => f64::INFINITY,
         };
         let mut last = None;
-        // kept from step to step: new memory takes longer than what fills it
+        // reused in all steps: allocating the memory takes longer than filling it
         let mut changed = DMatrix::zeros(0, 0);
         let mut changed_at = Vec::new();
         for step in 1..=most {
@@ -349,7 +356,7 @@ impl<'a> Search<'a, '_> {
         Ok(last.map(|last| (penalty, last)))
     }
 
-    /// The objective.
+    /// The objective at a point.
     fn value(&self, level: &Level, at: &Point) -> f64 {
         let neighbours = &level.cells.neighbours;
         let edges = neighbours.edges.iter().zip(&neighbours.weights);
@@ -368,7 +375,7 @@ impl<'a> Search<'a, '_> {
             + self.sheet.alpha * variation
     }
 
-    /// What a change of ln sigma leaves of the readings.
+    /// The point for a change of ln sigma: its conductance and the residual of the readings.
     fn point(&self, level: &Level, change: Vec<f64>) -> Result<Point, ForwardError> {
         let (sheet, seen) = (self.sheet, self.seen);
         let sigma = level.cells.conductances(&sheet.sigma0, &change);
@@ -381,7 +388,7 @@ impl<'a> Search<'a, '_> {
         })
     }
 
-    /// A point on the way to a solution with a smaller objective; `None` if none was found.
+    /// A point on the way to `solution` with a smaller objective; `None` if none was found.
     fn towards(
         &self,
         level: &Level,

@@ -107,7 +107,7 @@ fn discs_rings_others_and_gains_are_found_by_different_methods() {
     let (map, correlation) = stage.map(ring);
     assert_eq!(map.method, "ring");
     assert!(correlation > 0.9, "{correlation}");
-    // the evidence for a ring exceeds that for any other shape clearly
+    // the evidence for a ring clearly exceeds that for any other shape
     let evidence = map.evidence.unwrap();
     let (left, next) = (evidence.left.unwrap(), evidence.next.unwrap());
     assert!(

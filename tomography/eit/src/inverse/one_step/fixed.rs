@@ -15,7 +15,7 @@ use crate::inverse::prior::Penalty;
 /// A one-step problem solved for one lambda.
 pub(super) struct Fixed {
     pub(super) lambda: f64,
-    /// Whether the noise would give a smaller lambda than [`MODEL_SHARE`] allows.
+    /// Whether lambda was raised: the noise alone would give a smaller one than [`MODEL_SHARE`] allows.
     pub(super) raised: bool,
     /// Trace of the matrix from readings to the readings of their map.
     pub(super) degrees: f64,
@@ -25,7 +25,7 @@ pub(super) struct Fixed {
 }
 
 impl Fixed {
-    /// `deviation`: standard deviation of a change by noise, for [`Hyper::Noise`].
+    /// `deviation`: standard deviation of a change due to noise, for [`Hyper::Noise`].
     pub(super) fn new(
         mesh: &Mesh,
         linear: &Linear,

@@ -14,13 +14,13 @@ pub struct DeepSettings {
     pub width: usize,
     /// Batch normalisation of the input: by mean and variance of each batch while training, of all samples afterwards.
     pub batch_normalisation: bool,
-    /// Added there to the variance of each (normalised) reading; the paper does not state it, 1e-5 is the default of
-    /// its tool. Readings whose deviation is below its root are amplified less: with little noise a smaller value shows
-    /// smaller loads.
+    /// Offset added to the variance of each (normalised) reading in the batch normalisation; the paper does not state
+    /// it, 1e-5 is the default of its tool. Readings whose standard deviation is below the square root of the offset
+    /// are amplified less: with little noise, a smaller value makes smaller loads visible.
     pub normalisation_epsilon: f64,
     /// Passes over the training set.
     pub epochs: usize,
-    /// Samples of a step.
+    /// Samples per step.
     pub batch: usize,
     /// Adam's initial learning rate.
     pub learning_rate: f64,
@@ -149,7 +149,7 @@ pub struct Rounding {
 }
 
 impl DeepReport {
-    /// The results for people, a sentence each.
+    /// User-readable results, one sentence each.
     pub(crate) fn sentences(&self) -> Vec<String> {
         let mut sentences = vec![format!(
             "loss on held-out cases {:.3}, {:.0} % of an empty map's, at epoch {} of {}",

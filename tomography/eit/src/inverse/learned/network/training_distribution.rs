@@ -24,7 +24,7 @@ pub struct TrainingDistribution {
     pub(crate) directions: Vec<f32>,
     /// Deviation of each direction; the last entry is that of the remainder.
     pub(crate) deviations: Vec<f32>,
-    /// Distance within which the familiar inputs are.
+    /// Distance within which the familiar inputs lie.
     pub(crate) limit: f32,
 }
 

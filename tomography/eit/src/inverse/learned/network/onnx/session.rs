@@ -185,7 +185,7 @@ impl Reconstructor for OnnxReconstructor {
             method: self.trained.method.clone(),
             cause,
         };
-        // a run that panicked leaves no state for the next one
+        // a run that panicked leaves no state that affects the next run
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         let tensor = TensorRef::from_array_view((self.shape.clone(), &input[..]))
             .map_err(|fault| failed(fault.to_string()))?;
