@@ -5,7 +5,8 @@
 //!
 //! - **mesh**: triangles with electrodes on boundary edges and a region of interest; **preset**: ready-made meshes
 //! - **case**: a mesh, contacts, a protocol and conductances as a folder of CSV files
-//! - **forward**: voltages of all drives from one factorisation; **Jacobian**: their derivatives by conductance
+//! - **forward**: voltages of all drives from one factorisation; **Jacobian**: their derivatives with respect to
+//!   conductance
 //! - **reconstructor**: a map from a baseline and a frame; **model**: a reconstructor in one file
 //!
 //! ```

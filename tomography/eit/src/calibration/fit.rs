@@ -105,7 +105,7 @@ fn plausible(presses: &[KnownPress]) -> Result<(), CalibrationError> {
     Ok(())
 }
 
-/// Checks that all maps are of one method: losses of two methods are no points of one curve.
+/// Checks that all maps are by one method: losses of two methods do not lie on one curve.
 fn one_method(presses: &[KnownPress]) -> Result<(), CalibrationError> {
     let first = &presses[0];
     match presses

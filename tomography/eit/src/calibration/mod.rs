@@ -30,7 +30,7 @@ const GAIN: [f64; 2] = [0.2, 5.0];
 /// A press of known mass, and a method's map of it.
 #[derive(Debug, Clone)]
 pub struct KnownPress {
-    /// Name for people.
+    /// User-readable name.
     pub name: String,
     /// The map, relative.
     pub map: Map,
@@ -60,13 +60,13 @@ pub struct Calibration {
     pub frame: [f64; 4],
     /// Gain: exp of these times x, y, x^2, x y, y^2.
     pub gain: [f64; TERMS],
-    /// Presses it was fitted to.
+    /// Number of presses in the fit.
     pub presses: usize,
-    /// Root mean square over them of (estimated - true) / true force.
+    /// Root mean square of (estimated - true) / true force over the presses.
     pub rms: f64,
 }
 
-/// Why there is no calibration.
+/// Errors of a calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// Too few presses.
@@ -244,7 +244,7 @@ impl Pressure {
         self.kpa.iter().copied().fold(0.0, f64::max)
     }
 
-    /// The relative map it was made from, with values in kPa: for pictures.
+    /// The relative map converted to kPa, for pictures.
     pub fn map(&self, relative: &Map) -> Map {
         Map {
             values: self.kpa.clone(),

@@ -7,7 +7,7 @@ use survey::ProtocolError;
 
 use crate::MeshError;
 
-/// Why a case folder or one of its files is refused. Lines are counted from 1.
+/// Reasons for refusing a case folder or one of its files. Lines are counted from 1.
 #[derive(Debug, thiserror::Error)]
 pub enum CaseError {
     /// A file cannot be written, or exists and must not be replaced.
@@ -27,9 +27,9 @@ pub enum CaseError {
     NotCsv {
         /// The file.
         path: PathBuf,
-        /// What it is.
+        /// The detected format.
         what: String,
-        /// How to make a CSV file of it.
+        /// How to convert it to a CSV file.
         remedy: String,
     },
     /// A column is in another unit.
@@ -37,12 +37,12 @@ pub enum CaseError {
     Unit {
         /// The file.
         path: PathBuf,
-        /// Its name of the column.
+        /// The column's name in the file.
         has: String,
-        /// The name with the unit that is read.
+        /// The required name, which includes the unit.
         wants: String,
     },
-    /// A sheet of a size that no sheet has.
+    /// The extents of the sheet are implausibly large.
     #[error(
         "{}: the sheet is {:.0} m x {:.0} m, and at most {most} m are possible. If the values are in mm, it is {:.0} mm x {:.0} mm: divide them \
          by 1000, x_m and y_m are in m",
@@ -53,7 +53,7 @@ pub enum CaseError {
         path: PathBuf,
         /// Extents along x and y, m.
         size_m: [f64; 2],
-        /// The largest extent that is read, m.
+        /// The largest allowed extent, m.
         most: f64,
     },
     /// A field that should be a number is not.

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::text::{digits, line};
 use super::{CaseError, Table};
 
-/// What an instrument sends for an overload (SCPI's infinity); values at or above it are missing readings.
+/// Value that an instrument sends for an overload (SCPI's infinity); values at or above it are missing readings.
 const OVERLOAD: f64 = 9.9e37;
 
 /// Heading of the labels of frames.
@@ -35,7 +35,7 @@ pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>
     for value in table.rows.iter_mut().flatten() {
         *value = value.filter(|volts| volts.abs() < OVERLOAD);
     }
-    // a label that is a number is none of the readings where its column says so
+    // a numeric label is not a reading if its column is named as labels
     let first = table.header.iter().flatten().next();
     if table.labels.is_none()
         && table.width() == readings + 1

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::CaseError;
 
-/// Units of columns, and those that are taken for them by mistake.
+/// Units of columns, and units that are mistaken for them.
 const OTHER_UNITS: [(&str, &[&str]); 2] = [
     ("_m", &["_mm", "_cm", "_um", "_inch"]),
     ("_A", &["_mA", "_uA"]),
@@ -128,7 +128,8 @@ impl Table {
         self.rows.first().map_or(0, Vec::len)
     }
 
-    /// The table, if its header names none of these columns in another unit, as `x_mm` is for `x_m`. Other names are not looked at.
+    /// The table, if its header names none of these columns in another unit, e.g. `x_mm` for `x_m`. Other names are
+    /// ignored.
     pub(super) fn in_units(&self, columns: &[&str]) -> Result<&Self, CaseError> {
         for (has, wants) in self.header.iter().flatten().zip(columns) {
             for (unit, others) in OTHER_UNITS {

@@ -8,7 +8,8 @@ use super::text::{digits, line};
 use super::{Case, CaseError, DEPTH, protocol_text};
 
 impl Case {
-    /// Writes the folder, and creates it if needed. Region, depth and unloaded conductance of a case that is replaced do not stay.
+    /// Writes the folder, and creates it if needed. If a case is replaced, its region, depth and unloaded conductance
+    /// are removed.
     ///
     /// # Errors
     /// A file that cannot be written, or exists and must not be replaced.
@@ -61,7 +62,7 @@ impl Case {
             "protocol.csv",
             protocol_text(&self.protocol, &self.currents),
         )?;
-        // what an earlier case has beyond this one would be read as a part of this one
+        // files of an earlier case that this case does not have would be read as part of it
         let absent = |name: &str| outfile::remove(&folder.join(name), existing);
         if self.has_region {
             let mut text = String::from("element\n");

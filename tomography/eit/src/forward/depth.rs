@@ -12,10 +12,10 @@ use super::{Forward, ForwardError};
 use crate::linear_algebra::sparse::{Block, gram};
 use crate::mesh::Mode;
 
-/// What the modes need of a mesh.
+/// Data of the modes that depend on the mesh only.
 pub(super) struct Modes {
     driven: Vec<Mode>,
-    /// Entry of the matrix for each unknown's diagonal.
+    /// Matrix entry of each unknown's diagonal.
     diagonal: Vec<usize>,
 }
 
@@ -57,8 +57,8 @@ impl Forward {
         }))
     }
 
-    /// Potentials of each mode for 1 A through each pair of neighbours, as [`Forward::potentials`] has them, passed to
-    /// `read` with the mode.
+    /// Computes the potentials of each mode for 1 A through each pair of neighbours, in the layout of
+    /// [`Forward::potentials`], and passes them to `read` with the mode.
     pub(crate) fn each_mode(
         &self,
         sigma: &[f64],
@@ -89,9 +89,9 @@ impl Forward {
     }
 }
 
-/// The field of neighbouring pairs at a height.
+/// The field of neighbouring pairs at one height of the layer.
 pub(crate) struct Plane {
-    /// Share of the depth that it stands for.
+    /// Share of the depth represented by the plane.
     pub(crate) share: f64,
     /// Potentials: a row per node, a column per pair.
     pub(crate) potentials: Block,
@@ -100,7 +100,8 @@ pub(crate) struct Plane {
 }
 
 impl Forward {
-    /// The fields at the heights of the layer that changes fill, from their mean over the depth; `None` without a layer.
+    /// The fields at the heights of the layer that changes fill, from their mean over the depth; `None` without a
+    /// layer.
     pub(crate) fn planes(
         &self,
         sigma: &[f64],
@@ -135,7 +136,7 @@ impl Forward {
         Ok(Some(planes))
     }
 
-    /// Refuses a mesh whose changes fill a layer: solutions for changed conductances are those of the whole depth.
+    /// Refuses a mesh with a layer: solutions for changed conductances describe changes over the whole depth.
     ///
     /// # Errors
     /// [`ForwardError::Layer`].
@@ -179,7 +180,7 @@ impl Scratch {
         })))
     }
 
-    /// Factors the matrix of a mode for the conductance that the system has.
+    /// Factors the matrix of a mode for the system's conductance.
     fn factor_mode(
         &mut self,
         forward: &Forward,

@@ -2,7 +2,7 @@
 
 use survey::{Dipole, Electrode};
 
-/// Why the forward problem has no solution.
+/// Errors of the forward problem.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ForwardError {
     /// Fewer than two electrodes.
@@ -61,7 +61,7 @@ pub enum ForwardError {
         /// Elements of this one.
         wants: usize,
     },
-    /// A method that solves for changed conductances, and changes that fill a layer of the depth.
+    /// Changes fill a layer of the depth, but the method solves for changed conductances over the whole depth.
     #[error(
         "targets are {height_mm} mm high, and this method solves for changes over the full depth: use one-step or tv, \
          or omit the height of the targets"

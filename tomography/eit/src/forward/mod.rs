@@ -54,8 +54,8 @@ pub struct Admitted<'a> {
     pub floored: usize,
 }
 
-/// Potentials for a set of drives; the mean over the electrodes is zero. In a tank with a depth, `potentials` are the mean
-/// over the depth, and `electrodes` the voltages of the electrodes where they are.
+/// Potentials for a set of drives; the mean over the electrodes is zero. In a tank with a depth, `potentials` are the
+/// mean over the depth, and `electrodes` the voltages at the height of the electrodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fields {
     /// Potential of each node (row) in each drive (column), V at 1 A.

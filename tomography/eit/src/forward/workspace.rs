@@ -10,8 +10,8 @@ use super::{Fields, Forward, ForwardError};
 
 /// Scratch of one thread, for the readings of one conductance after another.
 ///
-/// A clone shares the analysis and has scratch of its own: one for each thread (`rayon`'s `map_init`). Results depend
-/// on the conductance alone, bit for bit, never on earlier ones.
+/// A clone shares the analysis and has separate scratch: use one clone per thread (`rayon`'s `map_init`). Results
+/// depend on the conductance alone, bit for bit, never on earlier ones.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -72,8 +72,8 @@ impl Workspace<'_> {
         self
     }
 
-    /// Keeps the factor of a conductance (S, one per triangle): of later ones only the part that differs from it is
-    /// factored. Changes the speed, never the result.
+    /// Keeps the factor of a conductance (S, one per triangle): for later conductances only the part that differs from
+    /// it is factored. Changes the speed, never the result.
     ///
     /// # Errors
     /// A conductance that is refused.

@@ -11,16 +11,16 @@ pub const DEFAULT_NOISE_V: f64 = 2e-6;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hyper {
-    /// lambda itself.
+    /// A given lambda.
     Lambda(f64),
     /// alpha of the paper's Eq. 4 with dv over v-hat, the largest magnitude of the model's readings, and dsigma over
     /// sigma0: lambda = v-hat sqrt(alpha). The paper does not state either scaling; these are our choices.
     Paper(f64),
     /// From the noise of a single reading, by the rule of [`EXPECTED_CHANGE`](crate::EXPECTED_CHANGE).
     Noise {
-        /// Standard deviation of one reading, V, the same on baseline and frame.
+        /// Standard deviation of one reading, V, the same in baseline and frame.
         volts: f64,
-        /// Injected current of that noise, A.
+        /// Injected current to which `volts` refers, A.
         current: f64,
     },
     /// The lambda at which the linear map has this noise figure, see
@@ -28,26 +28,27 @@ pub enum Hyper {
     NoiseFigure(f64),
     /// A lambda for each frame, from the frame itself.
     Frame {
-        /// How it follows from the frame.
+        /// Rule that derives lambda from the frame.
         rule: HyperRule,
-        /// Standard deviation of one reading, V, the same on baseline and frame: lower limit of the estimated errors of a frame. `None` if it
-        /// is unknown.
+        /// Standard deviation of one reading, V, the same in baseline and frame: lower limit of the estimated errors of
+        /// a frame. `None` if unknown.
         volts: Option<f64>,
-        /// Injected current of that noise, A.
+        /// Injected current to which `volts` refers, A.
         current: f64,
     },
 }
 
-/// How lambda follows from a frame.
+/// Rule that derives lambda from a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HyperRule {
-    /// The most probable one: with x ~ N(0, g^2 R^-1) and white errors s, a change is N(0, g^2 J R^-1 J' + s^2 I), and
-    /// lambda = s / g. Errors are at least the noise and that of a linear model: 1 % of the change, and more for changes that
-    /// are not small compared with the readings.
+    /// The most probable lambda: with x ~ N(0, g^2 R^-1) and white errors s, a change is N(0, g^2 J R^-1 J' + s^2 I),
+    /// and lambda = s / g. The errors are at least the noise and the linear model's error, which is 1 % of the change,
+    /// and more if the change is not small compared with the readings.
     #[default]
     Evidence,
-    /// The corner of the frame's L-curve (P. C. Hansen, SIAM Review 34 (1992) 561); without a corner, as [`Self::Evidence`].
+    /// The corner of the frame's L-curve (P. C. Hansen, SIAM Review 34 (1992) 561); if it has no corner,
+    /// [`Self::Evidence`].
     LCurve,
 }
 
@@ -68,7 +69,8 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// Standard deviation of the change of a reading, in the unit of the data, for that of one reading (V) at a current (A).
+    /// Standard deviation of a reading's change, in the unit of the data, from the standard deviation of one reading
+    /// (V) at a current (A).
     pub(crate) fn deviation(&self, volts: f64, current: f64) -> f64 {
         std::f64::consts::SQRT_2
             * match self {
@@ -87,20 +89,21 @@ pub struct OneStepOptions {
     pub hyper: Hyper,
     /// Bounds the map to -1 <= x <= 0: loads only reduce conductance.
     pub loss_only: bool,
-    /// With `loss_only`, the largest share of the squared change of a frame that the bounded map may leave unexplained beyond
-    /// what the unbounded one leaves: a frame with more shows gains, and its map is not bounded. `None`: every map is.
+    /// With `loss_only`, the largest share of a frame's squared change that the bounded map may leave unexplained, in
+    /// addition to the share left by the unbounded map. A frame that exceeds it shows gains, and its map is not
+    /// bounded. `None`: every map is bounded.
     pub most_gain: Option<f64>,
     /// The baseline's scale.
     pub scale: Scale,
     /// Relative standard deviation of each reading (any common factor) if they differ; each reading is divided by its
     /// deviation, scaled to root mean square 1.
     pub deviations: Option<Vec<f64>>,
-    /// Faster frames by a low-rank factor in f32: the largest error of a map that is allowed, as a share of the map's
-    /// largest value (1e-3 is invisible). Frames without a proof of that bound use the full matrix. `None`: always the
-    /// full matrix. Maps bounded to losses are not linear and ignore it.
+    /// Largest allowed error of a map, as a share of its largest value (1e-3 is invisible), for faster frames by a
+    /// low-rank factor in f32. A frame that is not proven to meet it uses the full matrix. `None`: always the full
+    /// matrix. Maps bounded to losses are not linear and ignore it.
     pub map_error: Option<f64>,
-    /// The unknowns that maps show, as indices into the mesh's region: the rules for the hyper-parameter look at these.
-    /// `None`: all of them. See [`WholeSheet`](crate::WholeSheet).
+    /// The unknowns that maps show, as indices into the mesh's region; the rules for the hyper-parameter use only
+    /// these. `None`: all of them. See [`WholeSheet`](crate::WholeSheet).
     pub shown: Option<Vec<usize>>,
 }
 

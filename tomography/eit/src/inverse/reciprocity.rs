@@ -1,4 +1,4 @@
-//! Folds reciprocal twins into one reading: half the data carry all the information.
+//! Folds reciprocal twins into one reading: half the data carry all information.
 //!
 //! A reading does not change if driving and sensing pair are exchanged, so twins have the same sensitivity up to the
 //! factors of their readings: rows a r and b r of the linear problem. A rotation of the two data by the angle of (a, b)
@@ -64,7 +64,7 @@ impl Fold {
         Self { first, norm, of }
     }
 
-    /// For readings without twins.
+    /// For a protocol without twins.
     #[cfg(test)]
     pub(crate) fn none(readings: usize) -> Self {
         Self {
@@ -82,7 +82,7 @@ impl Fold {
     /// The measurements whose sensitivity the rows have.
     ///
     /// # Errors
-    /// None: they are the protocol's own.
+    /// None in practice: they are a subset of the protocol's measurements.
     pub(crate) fn half(&self, protocol: &Protocol) -> Result<Protocol, OneStepError> {
         let questions = self.first.iter();
         Protocol::new(
@@ -94,7 +94,7 @@ impl Fold {
         .map_err(|_| OneStepError::Prior)
     }
 
-    /// The factor of that sensitivity.
+    /// The factor of each row's sensitivity.
     pub(crate) fn norm(&self) -> &[f64] {
         &self.norm
     }
@@ -162,7 +162,7 @@ impl Seen {
         self.left.is_none()
     }
 
-    /// The same with all data multiplied by a factor.
+    /// The folded data multiplied by a factor.
     pub(crate) fn times(&self, factor: f64) -> Self {
         Self {
             data: &self.data * factor,

@@ -10,11 +10,11 @@ use crate::metrics::median;
 /// If the factor of a distance differs from the uniform one by more than this factor, the uniform one is used.
 pub const LARGEST_SCALE_RATIO: f64 = 4.0;
 
-/// Share of the readings that may be missing before a method with a model of the sheet refuses a map: three faulty electrodes of 26
-/// take 43 %.
+/// Share of the readings that may be missing before a method with a model of the sheet refuses a map: three faulty
+/// electrodes of 26 cause 43 %.
 pub const MOST_MISSING: f64 = 0.5;
 
-/// The same of a trained method, which puts other values in the place of missing readings.
+/// The corresponding share for a trained method, which replaces missing readings by other values.
 pub const MOST_MISSING_TRAINED: f64 = 0.25;
 
 /// Reciprocal twins that differ by more than this share of the larger cannot both be right, whatever the noise and
@@ -23,7 +23,7 @@ const CONTRADICTED: f64 = 0.9;
 
 /// Turns a baseline and a frame into a map of the relative change of conductance.
 pub trait Reconstructor: Send + Sync {
-    /// The method's name for people.
+    /// The method's user-readable name.
     fn method(&self) -> &str;
     /// The protocol whose readings it takes.
     fn protocol(&self) -> &Protocol;
@@ -35,7 +35,7 @@ pub trait Reconstructor: Send + Sync {
     /// A wrong count of readings, too many missing, or a baseline or frame outside the method's domain.
     fn reconstruct(&self, baseline: &[Reading], frame: &[Reading])
     -> Result<Map, ReconstructError>;
-    /// Assumptions and accuracy of the method for people, a sentence each: prior, hyper-parameter and its source,
+    /// User-readable assumptions and accuracy of the method, one sentence each: prior, hyper-parameter and its source,
     /// noise, bounds, training set, stated errors. May be empty.
     fn assumptions(&self) -> Vec<String> {
         Vec::new()
@@ -67,8 +67,8 @@ pub struct Novelty {
     pub value: f64,
     /// The frame is outside the method's domain above this value.
     pub limit: f64,
-    /// Description of the measure for people. Model-based methods: root mean square of the part that no map explains,
-    /// in standard deviations of the noise. Networks: distance from their training inputs.
+    /// User-readable description of the measure. Model-based methods: root mean square of the part that no map
+    /// explains, in standard deviations of the noise. Networks: distance from their training inputs.
     pub measure: &'static str,
 }
 
@@ -79,7 +79,7 @@ impl Novelty {
     }
 }
 
-/// Why there is no map.
+/// Errors of a reconstruction.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReconstructError {
     /// Baseline or frame does not have one reading per measurement of the protocol.
@@ -121,7 +121,7 @@ pub enum ReconstructError {
          baseline, or train with loads and noise like these"
     )]
     OutsideModel {
-        /// Its distance, in the measure of the model's kind.
+        /// Distance of the input, in the measure of the model's kind.
         novelty: f64,
         /// The limit.
         limit: f64,
@@ -307,7 +307,7 @@ fn contradictions(
                 && valid(reading)
         })
         .collect();
-    // the rest is slow compared with a fast frame, and seldom needed
+    // the following steps are slow compared with a fast frame, and seldom needed
     if doubtful.is_empty() {
         return Vec::new();
     }

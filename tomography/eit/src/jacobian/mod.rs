@@ -16,7 +16,7 @@ pub use parameters::Parameters;
 
 /// Columns that one thread takes at a time.
 const COLUMNS: usize = 64;
-/// Doubles of the widest vectors.
+/// Number of f64 values in the widest vectors.
 const LANES: usize = 8;
 
 impl Forward {
@@ -199,11 +199,11 @@ impl Pairs {
 /// Gradients of all pairs' fields in one triangle.
 struct Gradients<'a> {
     fields: &'a Block,
-    /// Of neighbouring pairs.
+    /// Gradients of neighbouring pairs, x and y.
     ring: [Vec<f64>; 2],
     /// Neighbouring pairs that sum to each pair, and its sign.
     arcs: Vec<(Vec<usize>, f64)>,
-    /// Of each pair.
+    /// Gradients of each pair, x and y.
     pairs: [Vec<f64>; 2],
     /// Products of one run.
     run: Vec<f64>,
@@ -213,7 +213,7 @@ struct Gradients<'a> {
 #[derive(Clone, Copy)]
 struct Part<'a> {
     share: f64,
-    /// Derivatives with the height, or what is proportional to them.
+    /// Derivatives with respect to height, or values proportional to them.
     vertical: &'a Block,
     /// Factor of the products of `vertical`.
     decay: f64,
@@ -225,7 +225,7 @@ struct Fill<'a> {
     pairs: &'a Pairs,
     gradients: Gradients<'a>,
     scale: Option<&'a [f64]>,
-    /// A part of the depth, which is added to the values; otherwise they are replaced.
+    /// A part of the depth, whose contribution is added to the values; without a part the values are replaced.
     part: Option<Part<'a>>,
     columns: &'a [Vec<usize>],
     values: &'a mut [f64],
@@ -296,7 +296,7 @@ impl<'a> Gradients<'a> {
         self.sum_arcs();
     }
 
-    /// Takes values at two nodes in place of the two gradients; zero where there is no node.
+    /// Uses values at two nodes instead of the two gradients; zero for a missing node.
     fn take_values(&mut self, values: &Block, nodes: [Option<usize>; 2]) {
         for (ring, node) in self.ring.iter_mut().zip(nodes) {
             match node {

@@ -20,7 +20,7 @@ pub fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
 /// Columns per task.
 const COLUMNS: usize = 64;
 
-/// Multiplications below which more threads do not pay off.
+/// Number of multiplications below which more threads do not pay off.
 const SMALL: usize = 20_000_000;
 
 /// Calls `fill` with the index of the first column and the columns, for each chunk of a matrix.
@@ -152,8 +152,7 @@ pub(crate) fn solve_definite(a: &DMatrix<f64>, b: &[f64]) -> Option<Vec<f64>> {
     Some((0..b.len()).map(|i| x[(i, 0)]).collect())
 }
 
-/// Eigenvalues (ascending) and orthonormal eigenvectors (columns) of a symmetric matrix; `None` if it has entries that are
-/// not numbers.
+/// Eigenvalues (ascending) and orthonormal eigenvectors (columns) of a symmetric matrix; `None` if it has NaN entries.
 pub fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
     let n = a.nrows();
     let eigen = view(a).self_adjoint_eigen(Side::Lower).ok()?;
@@ -196,7 +195,7 @@ impl Definite {
         x
     }
 
-    /// A = L L', again.
+    /// A = L L', recomputed from the factor.
     pub fn matrix(&self) -> DMatrix<f64> {
         square(self.0.L())
     }
@@ -211,7 +210,7 @@ impl Definite {
         });
     }
 
-    /// A^-1, symmetric to the last bit; `None` if it has entries that are not numbers.
+    /// A^-1, symmetric to the last bit; `None` if it has NaN entries.
     pub(crate) fn inverse(&self) -> Option<DMatrix<f64>> {
         let n = self.0.L().nrows();
         let mut inverse = Mat::<f64>::identity(n, n);
@@ -259,7 +258,7 @@ pub(crate) fn transposed_times(a: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f6
     DVector::from_column_slice(product.as_slice())
 }
 
-/// Numbers of a register.
+/// Number of values in a vector register.
 const LANES: usize = 16;
 
 /// A matrix rounded to the eight leading bits of each value (bfloat16): half the memory of single precision.
@@ -288,8 +287,8 @@ impl Rounded {
         }
     }
 
-    /// A'x, at memory bandwidth: for tests that compare many columns. The rounding is independent of x, so that a product is wrong by some
-    /// 0.1 % of the root of the sum of squares of its terms.
+    /// A'x, at memory bandwidth: for tests that compare many columns. The rounding is independent of x, so the error of
+    /// a product is about 0.1 % of the root of the sum of squares of its terms.
     pub fn transposed_times(&self, x: &DVector<f64>) -> DVector<f64> {
         let mut filled = vec![0.0; self.filled_rows];
         for (to, value) in filled.iter_mut().zip(x) {
@@ -334,7 +333,7 @@ impl Task for RoundedTransposedTimes<'_> {
                 }
             }
             for (out, mut lanes) in out.iter_mut().zip(lanes) {
-                // halves are added, so that no sum waits for the one before
+                // halves are added, so that no sum depends on the previous one
                 let mut half = LANES / 2;
                 while half > 0 {
                     for lane in 0..half {

@@ -9,13 +9,13 @@ const NO_WEIGHT: f64 = 1e-12;
 
 /// Liquid between a flat, insulating bottom and its surface, and the band of the wall that the electrodes cover.
 ///
-/// The conductivity is the same at every depth. So is its change: it reaches from the bottom to the surface, or, in
-/// derivatives alone, over a layer about the electrodes' centres ([`Depth::with_target_height`]). The sheet conductance of
-/// the mesh is conductivity times depth, so without this the model is the same as for electrodes as high as the liquid.
+/// The conductivity is the same at every depth. A change also extends from the bottom to the surface; only derivatives
+/// can be limited to a layer about the electrodes' centres ([`Depth::with_target_height`]). The sheet conductance of
+/// the mesh is conductivity times depth, so without a depth the model equals that of electrodes as high as the liquid.
 ///
 /// The potential is a sum of modes, u(x, y, z) = sum over k of u_k(x, y) cos(k pi z / H), none of which has a flux
-/// through bottom and surface. Mode 0 is the flat model with its contacts. In the others the current leaves an electrode
-/// evenly over its face.
+/// through bottom and surface. Mode 0 is the flat model with its contacts. In the other modes the current leaves an
+/// electrode evenly over its face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Depth {
     depth_m: f64,
@@ -35,20 +35,20 @@ pub(crate) struct Mode {
 }
 
 impl Mode {
-    /// Share of its impedance in the readings.
+    /// Share of the mode's impedance in the readings.
     pub(crate) fn share(self) -> f64 {
         2.0 * self.weight * self.weight
     }
 }
 
 impl Depth {
-    /// Number of modes where none is given.
+    /// Default number of modes.
     pub const MODES: usize = 60;
     /// The largest number of modes.
     pub const MOST_MODES: usize = 400;
 
-    /// `depth_m`: of the liquid; `electrode_height_m`: of each electrode's contact; `electrode_centre_m`: of the
-    /// electrodes' centres above the bottom; `modes`: the number of cosines, the constant one not counted.
+    /// `depth_m`: depth of the liquid; `electrode_height_m`: height of each electrode's contact; `electrode_centre_m`:
+    /// height of the electrodes' centres above the bottom; `modes`: number of cosines without the constant one.
     ///
     /// # Errors
     /// A length that is not positive, an electrode that is not in the liquid, or a number of modes out of range.
@@ -96,9 +96,9 @@ impl Depth {
         })
     }
 
-    /// The same with changes that fill a layer of this height about the electrodes' centres, m. The derivatives are those of
-    /// such changes; solutions for a changed conductance remain those of a change at every depth, so that methods that
-    /// need them refuse a layer.
+    /// The same depth with changes limited to a layer of this height about the electrodes' centres, m. Only derivatives
+    /// describe the layer; solutions for a changed conductance describe a change at every depth, so methods that need
+    /// such solutions refuse a layer.
     ///
     /// # Errors
     /// A layer that is not in the liquid.
@@ -128,7 +128,7 @@ impl Depth {
         })
     }
 
-    /// Height of the layer that changes fill, m; the depth where they reach from the bottom to the surface.
+    /// Height of the layer that changes fill, m; equal to the depth if they extend from the bottom to the surface.
     pub fn target_height_m(&self) -> f64 {
         self.target_height_m
     }
@@ -172,7 +172,7 @@ impl Depth {
         self.electrode_centre_m
     }
 
-    /// Number of cosines, the constant one not counted.
+    /// Number of cosines without the constant one.
     pub fn modes(&self) -> usize {
         self.modes
     }

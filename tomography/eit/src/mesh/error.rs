@@ -1,4 +1,4 @@
-//! Why a mesh is refused.
+//! Errors in the validation of a mesh.
 
 use survey::Electrode;
 

@@ -1,18 +1,18 @@
-//! A value that follows from nodes, triangles and electrodes alone, made once for a mesh and its copies.
+//! A cached value that depends only on nodes, triangles and electrodes, computed once for a mesh and its copies.
 
 use std::any::Any;
 use std::sync::{Arc, OnceLock};
 
-/// Empty until the first use. The type of the value is its user's, so that the mesh does not depend on it. Copies of a mesh
-/// with another region or depth share it; meshes are equal whatever they keep.
+/// The cache, empty until its first use. The user determines the type of the value, so that the mesh does not depend on
+/// that type. Copies of a mesh with another region or depth share the cache; it is ignored when meshes are compared.
 #[derive(Clone, Default)]
 pub(crate) struct Kept(Arc<OnceLock<Arc<dyn Any + Send + Sync>>>);
 
 impl Kept {
-    /// The value; it is made if there is none of this type yet.
+    /// The cached value; it is computed if the cache has none of this type.
     ///
     /// # Errors
-    /// Those of `make`, after which nothing is kept.
+    /// The errors of `make`; the cache then stays empty.
     pub(crate) fn or_make<T: Send + Sync + 'static, E>(
         &self,
         make: impl FnOnce() -> Result<T, E>,
@@ -22,7 +22,7 @@ impl Kept {
             return Ok(kept);
         }
         let made = Arc::new(make()?);
-        // another thread can have made the same
+        // another thread may have computed an equal value
         let _ = self.0.set(Arc::clone(&made) as Arc<dyn Any + Send + Sync>);
         Ok(made)
     }

@@ -134,7 +134,7 @@ impl Mesh {
         }
     }
 
-    /// What the forward model makes of nodes, triangles and electrodes, once.
+    /// Cache for the forward model's analysis of nodes, triangles and electrodes.
     pub(crate) fn analysis(&self) -> &Kept {
         &self.analysis
     }
@@ -228,8 +228,8 @@ impl Mesh {
         (b[0] - a[0]).hypot(b[1] - a[1])
     }
 
-    /// The sides that two of these triangles share, in the order in which the second one is met: the positions of both in
-    /// the list, the earlier one first, and the length, m.
+    /// The sides that two of these triangles share, ordered by the second occurrence of the side: the positions of both
+    /// triangles in the list, the earlier one first, and the length, m.
     pub fn borders(&self, triangles: &[usize]) -> Vec<([usize; 2], f64)> {
         let mut open = BTreeMap::new();
         let mut borders = Vec::new();
@@ -243,7 +243,7 @@ impl Mesh {
         borders
     }
 
-    /// The sides of triangles that belong to one triangle only, in its direction: the rim and the holes.
+    /// The sides that belong to one triangle only, in the direction of that triangle: the outer edge and the holes.
     pub fn boundary(&self) -> Vec<[usize; 2]> {
         let directed: BTreeSet<[usize; 2]> = self.triangles.iter().flat_map(sides_of).collect();
         let single = |[a, b]: &&[usize; 2]| !directed.contains(&[*b, *a]);

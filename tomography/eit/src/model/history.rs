@@ -192,18 +192,18 @@ pub enum Jitter {
         /// gamma, 0.01 in the paper.
         gamma: f64,
     },
-    /// Like the noise of a measurement: white, on baseline and frame.
+    /// Noise of a measurement: white, on baseline and frame.
     Matched {
         /// Standard deviation of one reading, V.
         noise_v: f64,
-        /// Injected current of that noise, A.
+        /// Injected current to which `noise_v` refers, A.
         current_a: f64,
     },
     /// Several levels of [`Jitter::Matched`]: the copies of a case use them in turn.
     Levels {
         /// Standard deviations of one reading, V.
         noise_v: Vec<f64>,
-        /// Injected current of that noise, A.
+        /// Injected current to which `noise_v` refers, A.
         current_a: f64,
     },
     /// The measured covariance of repeats of the baseline: a copy's noise is a random combination of the repeats'
@@ -216,9 +216,9 @@ pub enum Jitter {
     },
     /// White noise on baseline and frame, and drift of the sheet between them: a copy's drift is a random combination of rows.
     Drift {
-        /// Standard deviation of one reading by noise, V.
+        /// Standard deviation of one reading due to noise, V.
         noise_v: f64,
-        /// Injected current of noise and drift, A.
+        /// Injected current to which noise and drift refer, A.
         current_a: f64,
         /// The rows, each a change of the readings, V: the sum of their products with themselves is the drift's covariance.
         drift_v: Vec<Vec<f64>>,

@@ -79,9 +79,9 @@ impl Network {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Report {
-    /// Of an RBF network.
+    /// Results of an RBF network's training.
     Rbf(TrainingReport),
-    /// Of a deep network.
+    /// Results of a deep network's training.
     Deep(DeepReport),
 }
 
@@ -111,7 +111,7 @@ pub struct Metadata {
     /// Signal-to-noise ratio of the readings over that of the map ([`Reconstructor::noise_figure`]), computed at
     /// training.
     pub noise_figure: Option<f64>,
-    /// What its maps of held-out cases leave unexplained, computed at training; `None` in files that were made without it.
+    /// Misfits of the maps of held-out cases, computed at training; `None` in files made without them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_misfit: Option<OwnMisfit>,
     /// The build that trained it.
@@ -175,7 +175,7 @@ pub enum ModelError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// The inconsistency.
+        /// Description of the inconsistency.
         why: String,
     },
     /// Made for another protocol.
@@ -185,11 +185,11 @@ pub enum ModelError {
     Survey {
         /// Hash in the model.
         model: String,
-        /// Its readings.
+        /// Number of readings in the model.
         model_readings: usize,
-        /// Hash here.
+        /// Hash of the survey in use.
         here: String,
-        /// Readings here.
+        /// Number of readings of the survey in use.
         here_readings: usize,
     },
     /// Made for another geometry.
@@ -197,7 +197,7 @@ pub enum ModelError {
     Geometry {
         /// Hash in the model.
         model: String,
-        /// Hash here.
+        /// Hash of the geometry in use.
         here: String,
     },
     /// The network does not fit the mesh or the protocol, or has numbers that are not finite.
@@ -245,7 +245,7 @@ impl Model {
         model.summed()
     }
 
-    /// With the checksum and the hash of its content.
+    /// Sets the checksum and the hash of the content.
     fn summed(mut self) -> Result<Self, ModelError> {
         let (bytes, checksum) = file::bytes(&self)?;
         self.metadata.checksum = checksum;
@@ -262,10 +262,10 @@ impl Model {
         self.summed()
     }
 
-    /// The same model with what its maps of held-out cases leave unexplained.
+    /// The same model with the misfits of the maps of held-out cases.
     ///
     /// # Errors
-    /// As [`Self::new`], and numbers that no file may have: not finite, or out of order.
+    /// As [`Self::new`]; numbers that are not finite or out of order.
     pub fn with_own_misfit(mut self, misfit: OwnMisfit) -> Result<Self, ModelError> {
         if !misfit.is_sound() {
             let why = format!("its own misfit has numbers not finite or out of order: {misfit:?}");

@@ -1,4 +1,4 @@
-//! The paper's sheet: a rectangle with electrodes along its edge, as square voids or as parts of the edge itself.
+//! The paper's sheet: a rectangle with electrodes along its edge, which are square voids or parts of the edge itself.
 
 use std::collections::BTreeMap;
 
@@ -171,7 +171,7 @@ impl PaperSheet {
         reasonable_fineness(PRESET, self.fineness)?;
         let side = self.width_mm.min(self.height_mm);
         let longer = self.width_mm.max(self.height_mm);
-        // edge lengths are bounded by the shorter side, so that a long strip would have any number of triangles
+        // edge lengths are limited by the shorter side, so the number of triangles of a long strip would have no limit
         if longer > LONGEST_SHARE * side {
             return refuse(format!(
                 "width_mm is {} and height_mm {}, one may be at most {LONGEST_SHARE} times the other",
@@ -254,7 +254,7 @@ impl PaperSheet {
                 [[x1, y1], [x0, y1]],
                 [[x0, y1], [x0, y0]],
             ];
-            // without width only one side is left: the bottom, or the right (which is the left)
+            // without width only one side remains: the bottom, or the right side (which is also the left)
             let sides = match (on_edge, c[1] == 0.0) {
                 (false, _) => &sides[..],
                 (true, true) => &sides[..1],

@@ -96,7 +96,7 @@ fn a_case_written_over_another_keeps_nothing_of_it() {
     assert_eq!(Case::read(folder.path()).unwrap(), deep);
     flat.write(folder.path(), Existing::Replace).unwrap();
     assert_eq!(Case::read(folder.path()).unwrap(), flat);
-    // nor is it taken over where nothing may be replaced
+    // if existing files must not be replaced, the write is refused because of the earlier depth
     let other = tempfile::tempdir().unwrap();
     std::fs::write(other.path().join("depth.csv"), "").unwrap();
     let refused = flat.write(other.path(), Existing::Refuse).unwrap_err();

@@ -41,9 +41,9 @@ const LOSS_ONLY: &str = ", loss only";
 /// half a millimetre.
 pub const EXPECTED_CHANGE: f64 = 0.024;
 
-/// Share of the model's size (the Frobenius norm of J R^-1/2) below which lambda is not derived from the noise: the
-/// linear model is not more exact than that, however quiet the readings are. On the paper's sheet it corresponds to a
-/// noise of about 0.2 uV at 1 mA. A lambda given explicitly is used unchanged.
+/// Share of the model's size (the Frobenius norm of J R^-1/2) that is the lower limit of a lambda derived from the
+/// noise: the linear model is not more accurate than that, however small the noise is. On the paper's sheet it
+/// corresponds to a noise of about 0.2 uV at 1 mA. A lambda given explicitly is used unchanged.
 pub const MODEL_SHARE: f64 = 3e-4;
 
 /// The one-step reconstructor.
@@ -51,12 +51,12 @@ pub struct OneStep {
     mesh: Arc<Mesh>,
     mesh_hash: String,
     protocol: Protocol,
-    /// Name of the method, and that of its unbounded maps.
+    /// Names of the method and of its unbounded maps.
     method: String,
     unbounded_method: String,
     linear: Linear,
     solver: Solver,
-    /// Standard deviation of a change by noise, if it is known.
+    /// Standard deviation of a change due to noise, if known.
     deviation: Option<f64>,
     sensitivity: DMatrix<f64>,
     /// Directions of the data that maps change; computed when novelty is first queried.
@@ -65,7 +65,7 @@ pub struct OneStep {
     most_gain: Option<f64>,
 }
 
-/// How a change becomes an unbounded map.
+/// Solvers that convert a change to an unbounded map.
 enum Solver {
     Fixed(Box<Fixed>),
     Frame(Box<FrameRule>),
@@ -145,7 +145,7 @@ impl OneStep {
         }
     }
 
-    /// The hyper-parameter of all frames; `None` where each frame has its own.
+    /// The hyper-parameter of all frames; `None` if each frame has its own.
     pub fn lambda(&self) -> Option<f64> {
         Some(self.fixed()?.lambda)
     }
@@ -160,7 +160,7 @@ impl OneStep {
         Ok(fixed.degrees)
     }
 
-    /// Whether the noise would give a smaller lambda than [`MODEL_SHARE`] allows.
+    /// Whether lambda was raised: the noise alone would give a smaller one than [`MODEL_SHARE`] allows.
     pub fn raised(&self) -> bool {
         self.fixed().is_some_and(|fixed| fixed.raised)
     }
@@ -205,7 +205,8 @@ impl OneStep {
         Ok((values, method))
     }
 
-    /// Share of the squared change that a bounded map leaves unexplained beyond what an unbounded one leaves.
+    /// Share of the squared change that the bounded map leaves unexplained, in addition to the share left by the
+    /// unbounded map.
     fn gain(&self, seen: &Seen, bounded: &[f64], unbounded: &[f64]) -> f64 {
         let rows = seen.rows(&self.sensitivity);
         let left = |map: &[f64]| {
@@ -220,7 +221,7 @@ impl OneStep {
     }
 }
 
-/// Standard deviation of a change by the noise that the hyper-parameter states, in the unit of the data.
+/// Standard deviation of a change due to the noise stated by the hyper-parameter, in the unit of the data.
 fn deviation(hyper: Hyper, scale: &Scale) -> Result<Option<f64>, OneStepError> {
     let (volts, current) = match hyper {
         Hyper::Noise { volts, current }
@@ -303,7 +304,8 @@ impl Reconstructor for OneStep {
         notes
     }
 
-    /// Of the linear map; `None` if maps are bounded to losses or have a lambda for each frame, which is not linear.
+    /// Noise figure of the linear map; `None` if maps are bounded to losses or have a lambda for each frame, because
+    /// such maps are not linear.
     fn noise_figure(&self) -> Option<f64> {
         let fixed = self.fixed()?;
         self.bounded.is_none().then_some(fixed.noise_figure)

@@ -1,4 +1,4 @@
-//! The noise figure of a linear map, and the hyper-parameter that has a given one.
+//! The noise figure of a linear map, and the hyper-parameter that gives a requested noise figure.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,9 +10,10 @@ use crate::inverse::reciprocity::Fold;
 /// Diameter of the load for which a noise figure is computed, as a share of the square root of the region's area.
 pub(super) const LOAD: f64 = 0.0543;
 
-/// The noise figure of the linear map M (A. Adler, R. Guardo, IEEE Trans. Med. Imaging 15 (1996) 170): mean |y| over the
-/// noise of a reading, over mean |a M y| over the root mean square of its noise, a the areas, y the readings of a small
-/// disc in the middle of what is shown; the means of maps are over the unknowns that are shown (`None`: all).
+/// The noise figure of the linear map M (A. Adler, R. Guardo, IEEE Trans. Med. Imaging 15 (1996) 170): mean |y| over
+/// the noise of a reading, divided by mean |a M y| over the root mean square of its noise, with a the areas and y the
+/// readings of a small disc in the middle of the unknowns that are shown. The means of maps are over these unknowns
+/// (`None`: all).
 pub(super) fn of(
     mesh: &Mesh,
     fold: &Fold,

@@ -152,7 +152,7 @@ impl Half {
         Some(self)
     }
 
-    /// Factors again in place.
+    /// Repeats the factorisation in place, for another scale or diagonal.
     pub(crate) fn factor_again(
         &mut self,
         laplacian: &Laplacian,

@@ -63,7 +63,7 @@ impl Prior {
         }
     }
 
-    /// Name for people.
+    /// User-readable name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tikhonov => "tikhonov",
@@ -75,13 +75,13 @@ impl Prior {
     }
 }
 
-/// Where the whole sheet is unknown, what is outside of the region is penalised so many times as strongly as what is
-/// inside: a diagonal prior's standard deviation is a third there. With 1 the unknowns of the rim, which the readings
-/// follow best, take up part of a small load inside (presses of 10 mm, 2 uV: correlation 0.368 in place of 0.393); from
-/// 64 on they take up too little of what does happen there.
+/// If the whole sheet is unknown, the penalty outside of the region is multiplied by this factor: a diagonal prior's
+/// standard deviation is a third there. With a factor of 1, the unknowns near the edge, to which the readings are most
+/// sensitive, absorb part of a small load inside the region (presses of 10 mm, 2 uV: correlation 0.368 instead of
+/// 0.393); from 64 on they absorb too little of real changes there.
 pub const OUTSIDE_WEIGHT: f64 = 9.0;
 
-/// The unknowns that maps show: all where none are named.
+/// The unknowns that maps show: all if `shown` is `None`.
 pub(crate) fn shown_or_all(shown: Option<&[usize]>, unknowns: usize) -> Cow<'_, [usize]> {
     match shown {
         Some(shown) => Cow::Borrowed(shown),
@@ -89,7 +89,7 @@ pub(crate) fn shown_or_all(shown: Option<&[usize]>, unknowns: usize) -> Cow<'_, 
     }
 }
 
-/// For each unknown, whether maps leave it out; `shown` as in [`OneStepOptions::shown`](crate::OneStepOptions).
+/// For each unknown, whether maps omit it; `shown` as in [`OneStepOptions::shown`](crate::OneStepOptions).
 pub(crate) fn outside(shown: Option<&[usize]>, unknowns: usize) -> Vec<bool> {
     let mut outside = vec![shown.is_some(); unknowns];
     for &unknown in shown.into_iter().flatten() {
@@ -112,7 +112,7 @@ pub(crate) enum Penalty {
 /// EIDORS' scale of the Laplace prior: each shared edge adds 2 to both diagonals.
 const LAPLACE_WEIGHT: f64 = 2.0;
 
-/// Unit right sides solved at once.
+/// Number of unit right sides solved together.
 const AT_A_TIME: usize = 256;
 
 impl Penalty {
@@ -136,8 +136,8 @@ impl Penalty {
         )
     }
 
-    /// Multiplies the entries of what maps leave out with [`OUTSIDE_WEIGHT`]; only a diagonal R has entries of its own for
-    /// each unknown.
+    /// Multiplies the entries of unknowns that maps omit by [`OUTSIDE_WEIGHT`]; only a diagonal R has separate entries
+    /// for each unknown.
     pub(crate) fn weigh(&mut self, outside: &[bool]) {
         if let Self::Diagonal(entries) = self {
             for (entry, outside) in entries.iter_mut().zip(outside) {
@@ -258,9 +258,8 @@ impl Penalty {
         })
     }
 
-    /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns that are shown
-    /// (`None`: all); the null
-    /// space is not counted.
+    /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns that are
+    /// shown (`None`: all), without the null space.
     pub(crate) fn amplitude(
         &self,
         change: f64,
@@ -309,7 +308,7 @@ pub(crate) struct Root<'a> {
 }
 
 impl Root<'_> {
-    /// L^-T z: the maps of some coefficients, a column each.
+    /// L^-T z: the maps of these coefficients, one per column.
     pub(crate) fn back(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
         match (self.penalty, &self.half) {
             (Penalty::Laplacian(laplacian), Some(half)) => {
@@ -327,7 +326,7 @@ impl Root<'_> {
                 }
                 maps
             }
-            // `root` makes a factor for every Laplacian
+            // `root` creates a factor for every Laplacian
             (Penalty::Laplacian(_), None) => z.clone(),
         }
     }

@@ -1,11 +1,11 @@
-//! How much of each triangle of the region a convex outline covers.
+//! The share of each triangle of the region that a convex outline covers.
 
 use crate::{Mesh, bounding_box};
 
 /// The region's triangles, indexed by position.
 pub(crate) struct Cover {
     corners: Vec<[[f64; 2]; 3]>,
-    /// Centre of each triangle, and how far its corners are from there, m.
+    /// Centre of each triangle, and the largest distance of its corners from it, m.
     circles: Vec<([f64; 2], f64)>,
     areas: Vec<f64>,
     low: [f64; 2],
@@ -97,7 +97,7 @@ impl Cover {
             if depth <= -reach {
                 return 0.0;
             }
-            // other sides do not touch the triangle
+            // sides with a larger depth do not intersect the triangle
             if depth < reach {
                 if clipped.points.is_empty() {
                     clipped.points.extend(self.corners[t]);
@@ -118,7 +118,7 @@ impl Cover {
 /// A side of an outline.
 struct Side {
     ends: [[f64; 2]; 2],
-    /// The unit vector to the inner side.
+    /// The unit vector towards the inner side.
     normal: [f64; 2],
 }
 
@@ -132,14 +132,14 @@ impl Side {
         }
     }
 
-    /// How deep on the inner side a place lies, m.
+    /// Distance of a point from the side, positive on the inner side, m.
     fn depth(&self, [x, y]: [f64; 2]) -> f64 {
         let [a, _] = self.ends;
         self.normal[0] * (x - a[0]) + self.normal[1] * (y - a[1])
     }
 }
 
-/// What is left of a triangle.
+/// A triangle clipped by sides.
 #[derive(Default)]
 struct Clipped {
     points: Vec<[f64; 2]>,
@@ -147,7 +147,7 @@ struct Clipped {
 }
 
 impl Clipped {
-    /// Keeps what lies on the inner side.
+    /// Keeps the part on the inner side.
     fn cut(&mut self, side: &Side) {
         let [a, b] = side.ends;
         self.kept.clear();

@@ -11,13 +11,13 @@ use super::shape::{LOSS, Shape};
 const STEPS: usize = 12;
 /// A fit ends when a step improves the objective by less than this.
 const DONE: f64 = 0.05;
-/// A fit is given up if it leaves more than `FAR` times the misfit that is wanted, and a step gains less than the share `SLOW` of
-/// what it leaves.
+/// A fit is abandoned if its misfit exceeds `FAR` times the wanted one and a step reduces the misfit by less than the
+/// share `SLOW`.
 const FAR: f64 = 4.0;
 const SLOW: f64 = 0.1;
-/// The likelihood is raised to 1 / this: errors of the model are correlated between readings.
+/// The likelihood is raised to the power 1 / `TEMPER`, because errors of the model are correlated between readings.
 pub(super) const TEMPER: f64 = 4.0;
-/// Logarithm of the readings of a frame of 26 electrodes, folded.
+/// Logarithm of the number of folded readings of a frame with 26 electrodes.
 const PARAMETER_COST: f64 = 5.7;
 
 /// The change of a frame in deviations of a reading; missing readings are 0.
@@ -27,7 +27,7 @@ pub(crate) struct Data {
     pub(crate) weights: DVector<f64>,
 }
 
-/// A fit is given up if it leaves more than a misfit after so many steps.
+/// A fit is abandoned if its misfit exceeds a limit after this number of steps.
 #[derive(Clone, Copy)]
 pub(super) struct Hopeless {
     pub(super) after: usize,
@@ -52,12 +52,13 @@ pub(crate) struct Fit {
 }
 
 impl Fit {
-    /// As maps name it.
+    /// The name of the shapes in maps.
     pub(crate) fn name(&self) -> String {
         self.shapes[0].kind.name(self.shapes.len())
     }
 
-    /// What speaks against the fit, a logarithm: its misfit, tempered as the posterior is, and half of ln n for each parameter.
+    /// Negative logarithm of the fit's probability: its misfit, tempered like the posterior, and half of ln n for each
+    /// parameter.
     pub(crate) fn cost(&self) -> f64 {
         self.misfit / TEMPER + 0.5 * self.hessian.nrows() as f64 * PARAMETER_COST
     }
@@ -69,8 +70,9 @@ pub(crate) struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// The relative change of each triangle of the region. A triangle that is covered in part has the geometric mean of both
-    /// conductances: current crosses borders in all directions, and the arithmetic mean would leave four times the error.
+    /// The relative change of each triangle of the region. A partly covered triangle has the geometric mean of both
+    /// conductances: current crosses borders in all directions, and the arithmetic mean would leave four times the
+    /// error.
     pub(crate) fn map(&self, shapes: &[Shape]) -> Vec<f64> {
         let mut kept = vec![1.0; self.model.mesh.region().len()];
         for shape in shapes {
@@ -79,7 +81,7 @@ impl Problem<'_> {
         kept.iter().map(|kept| kept - 1.0).collect()
     }
 
-    /// Takes a shape's loss from the conductance that is kept.
+    /// Multiplies the remaining conductances by that of a shape.
     fn take(&self, shape: &Shape, kept: &mut [f64]) {
         let kept_within = 1.0 - shape.loss();
         for (outline, weight) in shape.layers() {
@@ -93,7 +95,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Adds the share of the loss's logarithm that each triangle has, times a factor.
+    /// Adds each triangle's share of the loss's logarithm, multiplied by a factor.
     fn add_shares(&self, shape: &Shape, factor: f64, shares: &mut [f64]) {
         for (outline, weight) in shape.layers() {
             for (t, share) in self.cover.of(&outline) {
@@ -153,7 +155,7 @@ impl Problem<'_> {
                 };
                 let slopes = slopes.into_iter().zip(&kept).enumerate();
                 let slopes = slopes.map(|(t, (slope, kept))| (t as u32, kept * slope));
-                // rounding leaves something where a triangle is covered before and after a step
+                // rounding leaves a small value if a triangle is covered before and after a step
                 directions.push(slopes.filter(|(_, slope)| slope.abs() > 1e-10).collect());
             }
         }
@@ -164,7 +166,8 @@ impl Problem<'_> {
         Ok(j)
     }
 
-    /// What shapes leave of the data, in deviations of a reading, and the slopes of the readings along their parameters.
+    /// The residual of the data for these shapes, in deviations of a reading, and the derivatives of the readings with
+    /// respect to their parameters.
     pub(crate) fn rest(
         &self,
         data: &Data,
@@ -174,7 +177,7 @@ impl Problem<'_> {
         Ok((rest, self.sensitivity(data, shapes, &solved)?))
     }
 
-    /// The change of each triangle that a shape covers when all of its conductance is lost.
+    /// The change of each triangle covered by a shape, if it loses all conductance.
     pub(crate) fn covered(&self, shape: &Shape) -> Vec<(u32, f64)> {
         let mut shares = Vec::new();
         for (outline, weight) in shape.layers() {
@@ -184,8 +187,8 @@ impl Problem<'_> {
         shares
     }
 
-    /// Takes at most [`STEPS`] steps from a start, including rejected ones; fewer where the misfit will not become as small as
-    /// `wanted`, or where the start is `hopeless`.
+    /// Takes at most [`STEPS`] steps from a start, including rejected ones; fewer if the misfit will not reach
+    /// `wanted`, or if the start is `hopeless`.
     pub(super) fn fit(
         &self,
         data: &Data,

@@ -1,11 +1,13 @@
 //! Explains a frame by a few shapes.
 //!
-//! A frame of few presses has few unknowns: place, size and loss of each. They are fitted with the full forward model, starting
-//! from the peaks of a map of another method. What the fit leaves unexplained tells whether shapes explain the frame.
+//! A frame of few presses has few unknowns: position, size and loss of each. They are fitted with the full forward
+//! model, starting from the peaks of another method's map. The residual of the fit shows whether shapes explain the
+//! frame.
 //!
 //! - [`shape`]: shapes as free parameters with a prior; [`starts`]: shapes at the peaks of a map
 //! - [`coverage`]: the share of each triangle that an outline covers; [`model`]: readings and their derivatives
-//! - [`fit`]: Levenberg and Marquardt; [`rest`]: where the rest of a fit shows another disc; [`posterior`]: draws of what they may be
+//! - [`fit`]: Levenberg-Marquardt; [`rest`]: finds another disc in the residual of a fit; [`posterior`]: draws of the
+//!   probable shapes
 
 mod coverage;
 mod fit;
@@ -28,20 +30,24 @@ use self::starts::{MOST, Peak, Peaks};
 use crate::inverse::reciprocity::Seen;
 use crate::{ForwardError, Mesh};
 
-/// One disc is taken as it is if it leaves at most this share of what may be left; else other shapes are tried too.
+/// One disc is accepted without further tests if it leaves at most this share of the allowed residual; otherwise other
+/// shapes are tried too.
 const PLAIN: f64 = 0.9;
-/// A disc that leaves more than this many times what may be left is neither a ring nor a disc with a soft edge.
+/// If a disc leaves more than this multiple of the allowed residual, the load is neither a ring nor a disc with a soft
+/// edge.
 const NEAR: f64 = 1000.0;
-/// One disc that leaves more than this many times what may be left after its first step is given up where a smooth load is likelier.
+/// If one disc leaves more than this multiple of the allowed residual after its first step, its fit is abandoned if a
+/// smooth load is more probable.
 const HOPELESS: f64 = 100.0;
-/// A disc with a soft edge that leaves more than this many times what the disc leaves after its first three steps is given up.
+/// The fit of a disc with a soft edge is abandoned if, after its first three steps, it leaves more than this multiple
+/// of the disc's residual.
 const WORSE: f64 = 1.2;
-/// Inner over outer radius of a ring above which no soft edge looks like it.
+/// Ratio of inner to outer radius of a ring above which it cannot be confused with a soft edge.
 const HOLE: f64 = 0.5;
-/// Radius, m, below which readings do not tell a disc from a ring or a soft edge, and errors of the model decide.
+/// Radius, m, below which readings do not distinguish a disc from a ring or a soft edge, because model errors dominate.
 const RESOLVED: f64 = 0.010;
-/// Discs are added to those at the peaks if these leave less than this many times what may be left, and if each that is added leaves at
-/// most this share of what was left before (decision 194).
+/// Discs are added to those at the peaks if these leave less than this multiple of the allowed residual, and if each
+/// added disc leaves at most this share of the previous residual (decision 194).
 const FEW: f64 = 50.0;
 const HELPS: f64 = 0.5;
 
@@ -54,24 +60,24 @@ pub(crate) struct Shapes {
     shown: Vec<usize>,
 }
 
-/// A frame as shapes.
+/// A frame explained by shapes.
 pub(crate) struct Explained {
-    /// Maps of the region of what the shapes may be.
+    /// Maps of the region, drawn from the posterior of the shapes.
     pub(crate) maps: Vec<Vec<f64>>,
-    /// What they are.
+    /// Name of the shapes.
     pub(crate) name: String,
     pub(crate) evidence: Evidence,
 }
 
-/// What shapes make of a frame.
+/// Result of fitting shapes to a frame.
 pub(crate) enum Attempt {
     Explained(Explained),
-    /// No shapes explain it; the best of those that were tried, if any were.
+    /// No shapes explain the frame; contains the best of the shapes that were tried, if any.
     Unexplained(Option<NextKind>),
 }
 
 impl Shapes {
-    /// `questions`: those of the folded readings; `factors`: of each.
+    /// `questions`: measurements of the folded readings; `factors`: factor of each.
     pub(crate) fn new(
         mesh: &Arc<Mesh>,
         contact_ohm_m: &[f64],
@@ -89,8 +95,8 @@ impl Shapes {
         })
     }
 
-    /// Fits shapes that start at the largest peaks of a map (relative changes of the region): the fewest that leave a mean square
-    /// of at most `most`; `deviation`: of a reading.
+    /// Fits shapes that start at the largest peaks of a map (relative changes of the region), and returns the fewest
+    /// whose mean square residual is at most `most`. `deviation`: standard deviation of a reading.
     pub(crate) fn explain(
         &self,
         seen: &Seen,
@@ -104,7 +110,8 @@ impl Shapes {
             return Ok(Attempt::Unexplained(None));
         };
         let singles = frame.one_shape(first)?;
-        // not the likeliest of those that explain it: a disc that nearly does speaks against a shape that just does
+        // only the most probable single shape, even if a less probable one explains the frame: a disc that nearly
+        // explains it is evidence against a shape that barely does
         let one = Some(&singles[0]).filter(|fit| frame.explained_by(fit));
         let several = match one {
             Some(one) if one.shapes[0].kind == Kind::Disc => None,
@@ -140,8 +147,8 @@ impl Shapes {
         }))
     }
 
-    /// One disc at the largest peak of a map, as for [`Self::explain`]; it explains the frame if it leaves at most 1. `None` for a
-    /// map without losses.
+    /// Fits one disc at the largest peak of a map, with the arguments of [`Self::explain`]; it explains the frame if
+    /// its relative residual is at most 1. `None` for a map without losses.
     pub(crate) fn one_disc(
         &self,
         seen: &Seen,
@@ -180,7 +187,7 @@ impl Shapes {
     }
 }
 
-/// Whether the last disc touches no other one: discs that touch stand for other shapes.
+/// Whether the last disc touches no other disc: discs that touch represent another shape.
 fn lies_apart(discs: &[Shape]) -> bool {
     let Some((last, others)) = discs.split_last() else {
         return true;
@@ -199,7 +206,7 @@ fn likeliest<'a>(fits: impl Iterator<Item = &'a Fit>) -> Option<&'a Fit> {
 struct Frame<'a> {
     problem: Problem<'a>,
     data: Data,
-    /// The misfit of shapes that explain it.
+    /// Largest misfit of shapes that explain the frame.
     wanted: f64,
 }
 
@@ -216,7 +223,7 @@ impl Frame<'_> {
         fit.misfit <= self.wanted
     }
 
-    /// Mean square that a fit leaves, over that which it may leave.
+    /// Mean square residual of a fit relative to the allowed one.
     fn left(&self, fit: &Fit) -> f64 {
         fit.misfit / self.wanted
     }
@@ -229,7 +236,7 @@ impl Frame<'_> {
         }
     }
 
-    /// The kinds of single shapes that were tried, the likeliest first.
+    /// The kinds of single shapes that were tried, most probable first.
     fn one_shape(&self, at: &Peak) -> Result<Vec<Fit>, ForwardError> {
         let disc = self.fit(std::slice::from_ref(&at.disc))?;
         if self.left(&disc) <= PLAIN {
@@ -257,7 +264,7 @@ impl Frame<'_> {
         Ok(fits)
     }
 
-    /// Adds discs where the rest shows one, until they explain the frame or another one does not help.
+    /// Adds discs found in the residual until they explain the frame or another disc does not help.
     fn more_discs(&self, mut fit: Fit, grid: &Grid) -> Result<Fit, ForwardError> {
         while !self.explained_by(&fit) && self.left(&fit) < FEW && fit.shapes.len() < MOST {
             let Some(disc) = grid.another(&self.problem, &self.data, &fit)? else {
@@ -274,7 +281,8 @@ impl Frame<'_> {
         Ok(fit)
     }
 
-    /// The fewest discs at peaks that explain the frame; all of them if that does not.
+    /// The fewest discs (two or more) at peaks that explain the frame; discs at all peaks if these do not explain it.
+    /// `None` with fewer than two peaks.
     fn discs(&self, peaks: &[Peak]) -> Result<Option<Fit>, ForwardError> {
         let together = |count: usize| {
             let start: Vec<Shape> = peaks[..count].iter().map(|at| at.disc.clone()).collect();
@@ -283,7 +291,7 @@ impl Frame<'_> {
         if peaks.len() < 2 {
             return Ok(None);
         }
-        // a frame that all peaks do not explain is given up at once
+        // if discs at all peaks do not explain the frame, fewer discs are not tried
         let all = together(peaks.len())?;
         if !self.explained_by(&all) {
             return Ok(Some(all));

@@ -17,12 +17,12 @@ pub(crate) struct SheetModel {
     protocol: Protocol,
     pub(crate) mesh: Arc<Mesh>,
     sigma0: Vec<f64>,
-    /// The factor of that conductance.
+    /// The factored matrix of that conductance.
     base: Base,
     dipoles: Vec<Dipole>,
     /// 1 A through each dipole.
     patterns: DMatrix<f64>,
-    /// Drive and sense of each reading among the dipoles.
+    /// Indices of the driving and the sensing dipole of each reading.
     questions: Vec<(usize, usize)>,
     /// Current of each reading, A.
     currents: Vec<f64>,
@@ -42,7 +42,7 @@ pub(crate) struct Solved {
 }
 
 impl SheetModel {
-    /// `currents`: of each reading, A; `sigma0`: S per square, one per triangle.
+    /// `currents`: current of each reading, A; `sigma0`: S per square, one per triangle.
     pub(crate) fn new(
         mesh: &Arc<Mesh>,
         contact_ohm_m: &[f64],
@@ -126,8 +126,8 @@ impl SheetModel {
         })
     }
 
-    /// Derivative of the readings along directions in the space of maps: one column per direction. A direction lists the change
-    /// of each triangle of the region that it changes.
+    /// Derivatives of the readings along directions in the space of maps: one column per direction. A direction lists
+    /// the triangles of the region that it changes, with their changes.
     pub(crate) fn along(
         &self,
         solved: &Solved,
@@ -138,7 +138,7 @@ impl SheetModel {
             return self.along_in_depth(solved, directions);
         }
         let m = self.dipoles.len();
-        // x and y of the gradients in each triangle, computed when it is first needed
+        // x and y components of the gradients in each triangle, computed when first needed
         let mut gradients = vec![Vec::new(); self.gradients.len()];
         let gradient = |e: usize| -> Vec<f64> {
             let t = self.mesh.region()[e];
@@ -152,7 +152,7 @@ impl SheetModel {
         };
         let mut along = DMatrix::zeros(self.questions.len(), count);
         for (mut column, direction) in along.column_iter_mut().zip(directions) {
-            // two columns for each triangle, and the same times size and change
+            // two columns per triangle, and the same columns multiplied by area and change
             let (mut plain, mut weighted) = (Vec::new(), Vec::new());
             for &(e, change) in direction {
                 let t = self.mesh.region()[e as usize];
@@ -177,7 +177,7 @@ impl SheetModel {
         Ok(along)
     }
 
-    /// The same in a tank with a depth, from the sensitivity of all triangles.
+    /// The derivatives for a tank with a depth, computed from the sensitivity of all triangles of the region.
     fn along_in_depth(
         &self,
         solved: &Solved,

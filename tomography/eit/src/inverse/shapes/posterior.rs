@@ -1,4 +1,4 @@
-//! What the shapes of a frame may be: draws of the posterior.
+//! Draws from the posterior of the shapes of a frame.
 
 use nalgebra::DVector;
 use rand::SeedableRng;
@@ -7,12 +7,12 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::fit::{Fit, Problem, TEMPER};
 
-/// Draws of the posterior.
+/// Number of draws.
 const DRAWS: usize = 100;
-/// Precision that every parameter has at least.
+/// Smallest precision of every parameter.
 const LEAST_PRECISION: f64 = 4.0;
 
-/// Maps of what the shapes of a fit may be.
+/// Maps of shapes drawn from the posterior of a fit.
 pub(crate) fn maps(problem: &Problem<'_>, fit: &Fit) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut hessian = fit.hessian.clone() / TEMPER;

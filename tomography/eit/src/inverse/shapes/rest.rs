@@ -1,4 +1,4 @@
-//! Where the rest of a fit shows another disc.
+//! Searches for another disc in the residual of a fit.
 
 use std::sync::OnceLock;
 
@@ -9,17 +9,17 @@ use super::shape::Shape;
 use crate::linear_algebra::dense;
 use crate::{ForwardError, bounding_box};
 
-/// Distance of the places that are tried, m, and the most of them along the longer side of the sheet.
+/// Grid spacing of the positions that are tried, m, and the largest number of them along the longer side of the sheet.
 const PITCH: f64 = 8e-3;
 const MOST_ALONG: f64 = 40.0;
 /// Radii that are tried, m.
 const RADII: [f64; 2] = [6e-3, 15e-3];
-/// Losses with which a disc starts.
+/// Range of the loss with which a disc starts.
 const LOSSES: [f64; 2] = [0.05, 0.9];
-/// Share of a disc's data that the shapes of the fit do not explain, below which it is no other disc.
+/// Share of a disc's data that the shapes of the fit do not explain, below which the disc is not a new one.
 const LEAST_NEW: f64 = 1e-3;
 
-/// Discs of a grid, with the change of the readings by each, linear.
+/// A grid of discs, with the linear change of the readings caused by each.
 #[derive(Default)]
 pub(super) struct Grid {
     once: OnceLock<Discs>,
@@ -27,7 +27,7 @@ pub(super) struct Grid {
 
 struct Discs {
     discs: Vec<([f64; 2], f64)>,
-    /// A column for each disc: change of the readings when it loses all conductance, V.
+    /// A column per disc: change of the readings if it loses all conductance, V.
     columns: DMatrix<f64>,
 }
 
@@ -40,7 +40,7 @@ impl Grid {
         Ok(self.once.get_or_init(|| discs))
     }
 
-    /// The disc that explains most of what a fit leaves, beside what a change of its own shapes explains.
+    /// The disc that explains most of a fit's residual, apart from what a change of the fit's own shapes explains.
     pub(super) fn another(
         &self,
         problem: &Problem<'_>,
@@ -49,7 +49,7 @@ impl Grid {
     ) -> Result<Option<Shape>, ForwardError> {
         let all = self.of(problem)?;
         let (mut rest, slopes) = problem.rest(data, &fit.shapes)?;
-        // what a change of the shapes does not explain, weighted as the columns of the grid are
+        // the residual that a change of the shapes does not explain, weighted like the columns of the grid
         let mut own = slopes.qr().q();
         rest -= &own * own.tr_mul(&rest);
         rest.component_mul_assign(&data.weights);

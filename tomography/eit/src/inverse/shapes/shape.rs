@@ -1,24 +1,24 @@
-//! One load with few parameters, with a prior: a disc, or what a disc becomes by one or two numbers more.
+//! One load with few parameters and a prior: a disc, or a disc modified by one or two more parameters.
 
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 /// Largest radius, m.
 pub(crate) const LARGEST: f64 = 0.070;
-/// Lengths are in centimetres.
+/// Unit of lengths in the parameters, m: a centimetre.
 const UNIT: f64 = 0.01;
-/// Deviation of the logit of a number uniform over 0 to 1.
+/// Standard deviation of the logit of a number that is uniform over 0 to 1.
 const LOGIT: f64 = 1.8138;
-/// Deviation of each coordinate of a bar's half axis, cm.
+/// Prior standard deviation of each coordinate of a bar's half axis, cm.
 const REACH: f64 = 5.0;
 /// Corners of the polygon that approximates a circle: a multiple of 2.
 const ROUND: usize = 32;
-/// Sine and cosine of the angle of each.
+/// Sine and cosine of the angle of each corner.
 static CORNERS: LazyLock<[(f64, f64); ROUND]> =
     LazyLock::new(|| std::array::from_fn(|k| (TAU / ROUND as f64 * k as f64).sin_cos()));
-/// Discs on top of each other that approximate a soft edge.
+/// Number of concentric discs that approximate a soft edge.
 const LAYERS: usize = 5;
-/// The parameter that is the logit of the loss.
+/// Index of the parameter that is the logit of the loss.
 pub(crate) const LOSS: usize = 3;
 
 /// Kinds of shapes.
@@ -26,16 +26,17 @@ pub(crate) const LOSS: usize = 3;
 pub(crate) enum Kind {
     /// A disc.
     Disc,
-    /// A disc over whose edge the logarithm of the conductance changes linearly. One parameter more: the logit of half the
-    /// edge's width over the radius.
+    /// A disc with a soft edge, across which the logarithm of the conductance changes linearly. One more parameter: the
+    /// logit of the ratio of half the edge's width to the radius.
     Soft,
-    /// A ring. One parameter more: the logit of the inner over the outer radius.
+    /// A ring. One more parameter: the logit of the ratio of inner to outer radius.
     Ring,
-    /// All places within the radius of a line. Two parameters more: x and y (cm) from its middle to its end.
+    /// All points within the radius of a line segment. Two more parameters: x and y (cm) from its middle to its end.
     Bar,
 }
 
-/// Parameters: x, y (cm), logit of radius over the largest, logit of the loss, and those of the kind.
+/// Parameters: x, y (cm), logit of the ratio of the radius to the largest one, logit of the loss, and the parameters of
+/// the kind.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shape {
     pub(crate) kind: Kind,
@@ -52,7 +53,7 @@ fn logit(p: f64) -> f64 {
 }
 
 impl Kind {
-    /// Name of so many of them; only discs are several.
+    /// Name of `count` shapes of this kind; only discs occur several times.
     pub(crate) fn name(self, count: usize) -> String {
         match self {
             Self::Disc => format!("discs ({count})"),
@@ -64,7 +65,7 @@ impl Kind {
 }
 
 impl Shape {
-    /// Radius and loss are limited to stay away from their ends, where the gradient vanishes.
+    /// Creates a disc; radius and loss are kept away from their limits, where the gradient vanishes.
     pub(crate) fn disc(centre: [f64; 2], radius: f64, loss: f64) -> Self {
         let [x, y] = centre.map(|x| x / UNIT);
         Self {
@@ -81,7 +82,7 @@ impl Shape {
         shape
     }
 
-    /// The disc of the same place with a soft edge.
+    /// A disc with a soft edge at the same position.
     pub(crate) fn soft(&self) -> Self {
         let mut theta = self.theta.clone();
         theta.push(logit(0.4));
@@ -91,7 +92,7 @@ impl Shape {
         }
     }
 
-    /// A ring of the same place, a little larger.
+    /// A slightly larger ring at the same position.
     pub(crate) fn ring(&self) -> Self {
         let mut ring = Self::disc(self.centre(), 1.15 * self.radius(), 1.2 * self.loss());
         ring.kind = Kind::Ring;
@@ -99,17 +100,17 @@ impl Shape {
         ring
     }
 
-    /// Inner over outer radius of a ring.
+    /// Ratio of inner to outer radius of a ring.
     pub(super) fn hole(&self) -> f64 {
         logistic(self.theta[4])
     }
 
-    /// m
+    /// Centre, m.
     pub(super) fn centre(&self) -> [f64; 2] {
         [0, 1].map(|axis| self.theta[axis] * UNIT)
     }
 
-    /// m
+    /// Radius, m.
     pub(crate) fn radius(&self) -> f64 {
         LARGEST * logistic(self.theta[2])
     }
@@ -119,7 +120,7 @@ impl Shape {
         logistic(self.theta[LOSS]).min(0.9999)
     }
 
-    /// Convex, counter-clockwise outlines, each with the share of the loss's logarithm that is lost within.
+    /// Convex, counter-clockwise outlines, each with the share of the loss's logarithm that applies within it.
     pub(crate) fn layers(&self) -> Vec<(Vec<[f64; 2]>, f64)> {
         let centre = [0, 1].map(|axis| self.theta[axis] * UNIT);
         let radius = self.radius();
@@ -152,7 +153,7 @@ impl Shape {
         }
     }
 
-    /// Keeps logits away from where the gradient vanishes.
+    /// Keeps logits away from values at which the gradient vanishes.
     pub(crate) fn limit(&mut self) {
         self.theta[2] = self.theta[2].clamp(-4.5, 6.0);
         self.theta[LOSS] = self.theta[LOSS].clamp(-5.0, 7.0);
@@ -162,7 +163,7 @@ impl Shape {
     }
 }
 
-/// The places within a radius of a line, of the area of round ends.
+/// The points within a radius of a line segment, as a polygon with the area of the shape with round ends.
 fn outline(centre: [f64; 2], radius: f64, [x, y]: [f64; 2]) -> Vec<[f64; 2]> {
     let step = TAU / ROUND as f64;
     let radius = radius * (step / step.sin()).sqrt();

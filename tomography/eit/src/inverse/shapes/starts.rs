@@ -1,4 +1,4 @@
-//! Shapes at the peaks of a map.
+//! Start values of shapes at the peaks of a map.
 
 use std::f64::consts::PI;
 
@@ -8,23 +8,23 @@ use super::shape::Shape;
 use crate::Mesh;
 use crate::inverse::graph::Graph;
 
-/// Most discs of a frame.
+/// Largest number of discs in a frame.
 pub(super) const MOST: usize = 4;
-/// Share of a peak's loss down to which the triangles round it are its disc.
+/// Triangles around a peak belong to its disc if their loss is at least this share of the peak's.
 const CORE: f64 = 0.5;
-/// How many times as long as wide the triangles round a peak are at least if they may be a bar.
+/// Smallest ratio of length to width of the triangles around a peak for which a bar is tried.
 const LONG: f64 = 1.5;
-/// Share of the largest peak's loss that another peak has at least.
+/// Smallest loss of another peak as a share of the largest peak's loss.
 const LEAST_PEAK: f64 = 0.2;
 
-/// Shapes round a peak of a map.
+/// Shapes at a peak of a map.
 pub(super) struct Peak {
     pub(super) disc: Shape,
-    /// `None` for a round one.
+    /// `None` for a round peak.
     pub(super) bar: Option<Shape>,
 }
 
-/// The bar with these moments of the place; `None` if it is hardly longer than wide.
+/// The bar with these second moments of position; `None` if it is hardly longer than wide.
 fn bar(centre: [f64; 2], moments: SymmetricEigen<f64, U2>, loss: f64) -> Option<Shape> {
     let long = moments.eigenvalues.imax();
     let [length, width] = [long, 1 - long].map(|k| (3.0 * moments.eigenvalues[k].max(0.0)).sqrt());
@@ -70,7 +70,7 @@ impl Peaks {
         peaks
     }
 
-    /// The disc with the area, centre and mean loss of the triangles round a peak.
+    /// The disc with the area, centre and mean loss of the triangles around a peak.
     fn peak(&self, losses: &[f64], peak: usize) -> Peak {
         let core = self.grown(peak, |_, next| losses[next] >= CORE * losses[peak]);
         let area: f64 = core.iter().map(|&t| self.areas[t]).sum();
@@ -95,7 +95,7 @@ impl Peaks {
         }
     }
 
-    /// Clears the slopes of a peak: what can be reached from it without going up.
+    /// Clears a peak with its slopes: all triangles that can be reached from it without ascending.
     fn remove(&self, losses: &mut [f64], peak: usize) {
         let slopes = self.grown(peak, |from, next| {
             losses[next] > 0.0 && losses[next] <= losses[from]
@@ -106,7 +106,7 @@ impl Peaks {
         }
     }
 
-    /// The triangles that are connected to a first one by steps that `joins` allows.
+    /// The triangles connected to a first one by steps that `joins` allows.
     fn grown(&self, first: usize, joins: impl Fn(usize, usize) -> bool) -> Vec<usize> {
         let mut reached = vec![false; self.areas.len()];
         reached[first] = true;

@@ -50,7 +50,7 @@ pub struct Tv {
     graph: Graph,
     /// J over the noise of a difference, reciprocal twins folded.
     whitened: DMatrix<f64>,
-    /// Unit of the data: the standard deviation of a change by noise, or the least error of the linear model.
+    /// Unit of the data: the standard deviation of a change due to noise, or the smallest error of the linear model.
     deviation: f64,
     /// Orthonormal directions of the data that maps change (columns), and J along them.
     directions: DMatrix<f64>,
@@ -111,7 +111,7 @@ impl Tv {
                 let amplitude = penalty.amplitude(EXPECTED_CHANGE, options.shown.as_deref())?;
                 let frame_rule =
                     FrameRule::new(rule, noise, &linear, sensitivity.clone(), &penalty)?;
-                // more exact than the linear model no frame is
+                // no frame is more accurate than the linear model
                 let least = MODEL_SHARE * size * amplitude;
                 (noise.unwrap_or(0.0).max(least), Some(frame_rule))
             }
@@ -249,8 +249,8 @@ impl Tv {
         }
     }
 
-    /// Weights of the borders for the errors of this frame: minimising |J x - d|^2 / 2 e^2 + (a / e) TV is the same as
-    /// with |J x - d|^2 / 2 + a e TV. `seen`: data in the unit of `deviation`.
+    /// Weights of the borders for the errors of this frame: minimising |J x - d|^2 / 2 e^2 + (a / e) TV is equivalent
+    /// to minimising |J x - d|^2 / 2 + a e TV. `seen`: data in the unit of `deviation`.
     fn weights(&self, seen: &Seen, missing: &[usize]) -> Result<Cow<'_, [f64]>, ReconstructError> {
         let Some(rule) = &self.frame_rule else {
             return Ok(Cow::Borrowed(&self.weights));

@@ -23,7 +23,7 @@ pub enum Strength {
 ///
 /// alpha = k |J 1_disc| / (length of its border), J in standard deviations of a difference.
 ///
-/// It depends on noise and geometry. With [`TvOptions::frame_rule`] the errors of the frame take the place of the noise.
+/// It depends on noise and geometry. With [`TvOptions::frame_rule`] the errors of the frame replace the noise.
 pub const TV_STRENGTH: f64 = 0.5;
 
 /// Diameter of the small disc over the square root of the region's area.
@@ -34,13 +34,14 @@ const RAGGED: f64 = 1.3;
 /// Settings of a [`Tv`](crate::Tv).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TvOptions {
-    /// Standard deviation of one reading, V, the same on baseline and frame. `None` if it is unknown, which needs a
-    /// `frame_rule` or [`Strength::Alpha`].
+    /// Standard deviation of one reading, V, the same in baseline and frame. If it is `None` (unknown), a `frame_rule`
+    /// or [`Strength::Alpha`] is required.
     pub noise_v: Option<f64>,
-    /// Rule that estimates the errors of a frame from the frame itself; the noise is their lower limit. With [`HyperRule::LCurve`] they
-    /// are those of the one-step map at the corner of its L-curve. `None`: the errors are the noise.
+    /// Rule that estimates the errors of a frame from the frame itself; the noise is their lower limit. With
+    /// [`HyperRule::LCurve`] the errors are those of the one-step map at the corner of its L-curve. `None`: the errors
+    /// are the noise.
     pub frame_rule: Option<HyperRule>,
-    /// Injected current of that noise, A.
+    /// Injected current to which `noise_v` refers, A.
     pub current_a: f64,
     /// The penalty.
     pub strength: Strength,
@@ -52,7 +53,8 @@ pub struct TvOptions {
     pub scale: Scale,
     /// Relative standard deviation of each reading, as in [`OneStepOptions`](crate::OneStepOptions).
     pub deviations: Option<Vec<f64>>,
-    /// The unknowns that maps show, as in [`OneStepOptions`](crate::OneStepOptions): the rule for alpha looks at these.
+    /// The unknowns that maps show, as in [`OneStepOptions`](crate::OneStepOptions); the rule for alpha uses only
+    /// these.
     pub shown: Option<Vec<usize>>,
 }
 
@@ -101,7 +103,7 @@ impl TvOptions {
 /// Errors in the preparation of total variation.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TvError {
-    /// An error of the linear model, which it shares with the one-step method.
+    /// An error of the linear model, which total variation shares with the one-step method.
     #[error(transparent)]
     Linear(#[from] OneStepError),
     /// A setting that is not a positive number.

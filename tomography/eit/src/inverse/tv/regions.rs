@@ -73,9 +73,9 @@ impl Regions {
         Some(regions)
     }
 
-    /// The same by Newton steps from the present values. Each part may only move in its direction in `up` relative to
-    /// the parts it was split from. This still lowers the objective if the minimum on the regions is closer than the
-    /// interior method can resolve.
+    /// Solves the problem on a partition by Newton steps from the present values. Each part may only move in its
+    /// direction in `up` relative to the parts it was split from. This still lowers the objective if the minimum on the
+    /// regions is closer than the interior method can resolve.
     pub(crate) fn descend(
         problem: &Problem<'_>,
         label: Vec<usize>,

@@ -12,8 +12,8 @@ const WHOLE_SHEET: &str = ", whole sheet";
 
 /// A reconstructor whose unknowns are all triangles of the sheet, and whose maps show those of the region.
 ///
-/// A method that solves for the region alone takes the conductance outside of it for known. A load on the rim, or a change
-/// of the whole sheet, then has to be explained by the region, and the map shows losses that are not there.
+/// A method that solves for the region alone assumes that the conductance outside of it is known. A load near the edge,
+/// or a change of the whole sheet, is then attributed to the region, and the map shows losses that do not exist.
 pub struct WholeSheet {
     inner: Box<dyn Reconstructor>,
     shown: Arc<Mesh>,
@@ -21,7 +21,7 @@ pub struct WholeSheet {
 }
 
 impl WholeSheet {
-    /// Maps of the region of `shown` from those of `inner`, which was made for [`Mesh::whole`] of the same mesh.
+    /// Wraps `inner`, which was made for [`Mesh::whole`] of the mesh `shown`; the maps show the region of `shown`.
     ///
     /// # Panics
     /// `inner` covers another mesh.

@@ -1,4 +1,4 @@
-//! A model from the content of its file.
+//! Parses a model from the content of its file.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::model::{
 };
 use crate::{Depth, Mesh, RbfNetwork};
 
-/// A model from the content of its file; `path` is for messages.
+/// Parses the content of a model file; `path` is used in messages.
 pub(in crate::model) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     let info = tensor_info(path, bytes)?;
     let (metadata, text) = metadata(path, &info)?;
@@ -95,7 +95,7 @@ fn tensor_info(path: &Path, bytes: &[u8]) -> Result<TensorInfo, ModelError> {
     }
 }
 
-/// Number of bytes of tensors according to a safetensors header.
+/// Number of bytes of tensors that a safetensors header declares.
 fn promised(header: &[u8]) -> Option<u64> {
     let header: serde_json::Value = serde_json::from_slice(header).ok()?;
     header
@@ -105,7 +105,7 @@ fn promised(header: &[u8]) -> Option<u64> {
         .max()
 }
 
-/// The entry of this project, and its text.
+/// The metadata entry of this project, parsed and as text.
 fn metadata<'a>(path: &Path, info: &'a TensorInfo) -> Result<(Metadata, &'a str), ModelError> {
     let text = info
         .metadata()
@@ -123,7 +123,7 @@ fn metadata<'a>(path: &Path, info: &'a TensorInfo) -> Result<(Metadata, &'a str)
     }
     let metadata: Metadata =
         serde_json::from_value(entry).map_err(|fault| damaged(path, fault.to_string()))?;
-    // programs print and record these
+    // programs print and record these texts
     for (what, text) in [
         ("name", &metadata.name),
         ("normalisation", &metadata.normalisation),
@@ -154,7 +154,7 @@ fn content_checksum(metadata: &Metadata, text: &str, tensors: &SafeTensors<'_>) 
     checksum(&blank, views)
 }
 
-/// Why what the training says of the network cannot be.
+/// Checks the numbers of the training record; the error describes the first impossible one.
 fn training_numbers(metadata: &Metadata) -> Result<(), String> {
     let misfit = metadata.own_misfit.as_ref();
     if misfit.is_some_and(|misfit| !misfit.is_sound()) {
@@ -195,7 +195,7 @@ impl<'a> Tensors<'a> {
             .map_err(|fault| self.damaged(format!("tensor '{name}': {fault}")))
     }
 
-    /// A tensor of this type with so many columns; 0: any number of them.
+    /// The tensor of this name and type with `width` columns; 0: any number of columns.
     fn tensor(&self, name: &str, kind: Dtype, width: usize) -> Result<TensorView<'a>, ModelError> {
         let found = self.any(name)?;
         let wide = found.shape().get(1).copied().unwrap_or(1);
@@ -224,7 +224,7 @@ impl<'a> Tensors<'a> {
         Ok(numbers(&found, f32::from_le_bytes))
     }
 
-    /// The first of the numbers of a tensor of this name.
+    /// The first number of the tensor with this name.
     fn first<T: Copy>(&self, name: &str, numbers: &[T]) -> Result<T, ModelError> {
         let first = numbers.first().copied();
         first.ok_or_else(|| self.damaged(format!("tensor '{name}' is empty")))
@@ -323,7 +323,7 @@ impl<'a> Tensors<'a> {
         Ok(Network::Deep(network, familiar))
     }
 
-    /// A layer of so many inputs.
+    /// A layer with this number of inputs.
     fn layer(&self, index: usize, inputs: usize) -> Result<Layer, ModelError> {
         let name = |what| layer_name(index, what);
         let bias = self.floats(&name("bias"), 1)?;

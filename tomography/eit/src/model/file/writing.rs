@@ -1,4 +1,4 @@
-//! The tensors of a model.
+//! Serializes a model.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -77,7 +77,7 @@ pub(in crate::model) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelE
         }),
     );
     let text = text.replacen(&stated_checksum(""), &stated_checksum(&checksum), 1);
-    // a single entry: the order of several would be random
+    // a single entry, because the order of several entries would be random
     let metadata = HashMap::from([(KEY.to_owned(), text)]);
     let bytes = safetensors::serialize(tensors, Some(metadata))
         .map_err(|fault| unfit(fault.to_string()))?;

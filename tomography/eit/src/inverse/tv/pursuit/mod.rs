@@ -195,7 +195,7 @@ impl Problem<'_> {
             .filter(|&p| small(p))
             .map(|p| gain[p])
             .fold(0.0, f64::max)
-            // a part inside another gains relative to that one
+            // if a part lies inside another, its gain is relative to that part
             .min(gap / (high - low));
         let mut flipped = false;
         for (unknown, &part) in part.iter().enumerate() {
@@ -209,7 +209,7 @@ impl Problem<'_> {
         } else {
             (part.clone(), parts)
         };
-        // never at the price of the split itself
+        // not if this would undo the split
         let (label, count) = if count > regions.value.len() || parts == regions.value.len() {
             (label, count)
         } else {
