@@ -12,7 +12,7 @@ use crate::DriftError;
 /// not used.
 const RATIO: [f64; 2] = [0.5, 2.0];
 
-/// The reciprocal pairs of a protocol, in the order of their first reading. A reading without twin is a pair of its own.
+/// The reciprocal pairs of a protocol, in the order of their first reading. A reading without twin forms a pair by itself.
 #[derive(Debug, Clone)]
 pub struct Pairs {
     protocol: Protocol,

@@ -16,13 +16,13 @@ const N: usize = 6;
 /// diagonal.
 const STRETCH_SD: f64 = 0.4;
 const MOST_STRETCH: f64 = 1.0;
-/// Improvement of chi squared above which the load is not a disc; and the largest share of chi squared that an ellipse
-/// may leave if it does not explain the data either. Where the linear model fails, the ellipse is fitted beside the
-/// load.
+/// Improvement of chi squared above which the load is not a disc; and the largest chi squared of the ellipse, as a
+/// share of the disc's, if the ellipse does not explain the data either. Where the linear model fails, the ellipse is
+/// fitted beside the load.
 const NO_DISC: f64 = 12.0;
 const CLEARLY: f64 = 0.5;
-/// Standard deviation of the position due to a shape other than an ellipse, as a share of the diameter: if the ellipse
-/// explains the data, and if not.
+/// Standard deviation of the position due to a shape other than the fitted one, as a share of the diameter: if the fit
+/// is accepted, and if not.
 const LIKE_AN_ELLIPSE: f64 = 0.005;
 const OTHER_SHAPE: f64 = 0.025;
 /// Smallest relative standard deviation of a load.

@@ -59,7 +59,7 @@ fn soft_edged_load_comes_and_goes_at_its_place() {
         let load = rig.load(soft);
         let came = rig.follow(Some(&load)).event.expect("a step");
         let off = away(came.fit.disc.centre, place);
-        // the load is no disc, so the fitted disc may be rejected; its centre is then less accurate
+        // the load is not a disc, so the fitted disc may be rejected; its centre is then less accurate
         let bound = if came.fit.accepted { 0.5e-3 } else { 2e-3 };
         assert!(came.came && off < bound, "{width} {off}");
         for _ in 0..12 {

@@ -219,7 +219,7 @@ fn reading_that_returns_under_a_load_is_no_fault() {
     let answer = follow(&mut alone, &mut walk, 38, Some((&weight, 1.0)));
     assert_eq!((answer.fault, answer.event), (None, None));
     assert!(answer.masked.is_empty());
-    // a second load that comes then is found where it lies
+    // a second load that comes then is found at its position
     let answer = follow(&mut tracker, &mut walk, 38, Some((&both, 1.0)));
     assert_eq!((answer.fault, answer.loads), (None, 2));
     let found = answer.event.expect("a load came").fit.disc.centre;

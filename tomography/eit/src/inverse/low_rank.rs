@@ -121,7 +121,7 @@ impl Quick {
             .fold(0.0_f64, |most, value| most.max(value.abs()));
         let rounding = (self.width + 2) as f64 * 0.5 * f64::from(f32::EPSILON);
         let bound = self.left_out * beyond + rounding * self.longest * seen.sqrt();
-        // relative to the map's true largest value, which is at least this one less the bound
+        // relative to the map's true largest value, which is at least this one minus the bound
         let share = bound / (largest - bound);
         (largest > bound && share <= self.error).then_some((values, share))
     }

@@ -243,7 +243,7 @@ impl Mesh {
         borders
     }
 
-    /// The sides that belong to one triangle only, in the direction of that triangle: the outer edge and the holes.
+    /// The sides that belong to one triangle only, in the direction of that triangle: the rim and the holes.
     pub fn boundary(&self) -> Vec<[usize; 2]> {
         let directed: BTreeSet<[usize; 2]> = self.triangles.iter().flat_map(sides_of).collect();
         let single = |[a, b]: &&[usize; 2]| !directed.contains(&[*b, *a]);

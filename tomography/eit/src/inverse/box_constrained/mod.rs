@@ -5,7 +5,7 @@
 //! semismooth Newton method with an exact Hessian and a backtracking line search finds it in about ten steps if lambda
 //! suits the noise. If lambda is far smaller and Newton's steps become short, an
 //! [`interior`](crate::inverse::interior_point) method first approaches the solution; if R is a graph Laplacian, that
-//! method alone solves the problem. A prior given by its covariance has a solver of its own ([`smooth`]). Every result
+//! method alone solves the problem. A prior given by its covariance has a separate solver ([`smooth`]). Every result
 //! is checked against the conditions of optimality.
 
 mod smooth;

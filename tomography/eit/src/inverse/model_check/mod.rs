@@ -42,8 +42,8 @@ const UNEXPLAINED_SHARE: f64 = 0.1;
 /// attributed to that electrode. Loads that end 16 mm from the electrode reach 16; a contact of ten times its impedance
 /// reaches 33 or more.
 const AT_ELECTRODE: f64 = 40.0;
-/// Correlation of an electrode's readings with their reference, relative to the median electrode's, below which it is dead.
-/// A dead electrode's neighbours, which share half of its pairs, have 0.5.
+/// Regression coefficient of an electrode's readings on their reference, relative to the median electrode's, below
+/// which the electrode is dead. The neighbours of a dead electrode, which share half of its pairs, have 0.5.
 const DEAD: f64 = 0.2;
 /// Largest relative loss that linear maps of real loads show because of the linearisation error.
 const MOST_LOSS: f64 = 1.2;

@@ -39,8 +39,8 @@ const MODEL_ERROR: f64 = 0.004;
 /// Error share at the start of the search, which includes the linearisation error. It is then lowered to the share that
 /// the map leaves unexplained.
 const FIRST_ERROR: f64 = 0.05;
-/// Shapes explain a frame if their mean square residual is at most this multiple of the variance of the errors, model
-/// error included.
+/// Shapes explain a frame if their mean square residual is at most this multiple of the variance of the errors, plus
+/// the variance of the model's error.
 const ACCEPTED: f64 = 1.25;
 /// Smallest mean correlation between a map and draws from its posterior; below it the map is doubtful. One limit for
 /// shapes, whose posterior is too narrow, and one for total variation, whose draws are rougher than loads. Chosen on

@@ -7,7 +7,7 @@
 //!
 //! The cut also bounds the minimum. F is convex, so for any x + h within the bounds F(x + h) >= F(x) + F'(x; h), and
 //! over all such h, taken region by region, the smallest F'(x; h) is a minimum cut: (low - c) g(R) + (high - low) min_S
-//! [g(S) + W(border of S in R)]. The stated gap is F less the largest such bound; it is computed, not estimated.
+//! [g(S) + W(border of S in R)]. The stated gap is F minus the largest such bound; it is computed, not estimated.
 
 use nalgebra::DVector;
 
