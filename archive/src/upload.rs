@@ -317,7 +317,7 @@ impl Uploader {
         };
         match store.put(&read.name, &mut read.file) {
             Ok(_) => {}
-            Err(error @ (StoreError::Altered { .. } | StoreError::SourceChanged { .. })) => {
+            Err(error) if error.is_of_one_part() => {
                 return Ok(Err(survey::error_chain(&error)));
             }
             Err(error) => return Err(error.into()),

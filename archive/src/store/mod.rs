@@ -124,6 +124,20 @@ pub enum StoreError {
         /// Hash of what the store holds.
         found: String,
     },
+    /// The store takes no file of this size.
+    #[error(
+        "{name} has {bytes} bytes, and the store {place} takes {most} at most: copy this part by other means, and lower record.roll_mb, so that later parts are smaller"
+    )]
+    TooLarge {
+        /// The store.
+        place: String,
+        /// The part.
+        name: String,
+        /// Its size, bytes.
+        bytes: u64,
+        /// The limit, bytes.
+        most: u64,
+    },
     /// The store does not hold it.
     #[error("{name} is not in the store {place}")]
     Missing {
@@ -188,6 +202,14 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// Whether the cause is this part, so that the store takes others all the same.
+    pub fn is_of_one_part(&self) -> bool {
+        matches!(
+            self,
+            Self::Altered { .. } | Self::SourceChanged { .. } | Self::TooLarge { .. }
+        )
+    }
+
     /// Whether the same may succeed later without anybody changing the configuration or the part.
     pub fn is_temporary(&self) -> bool {
         if let Self::Refused { status, .. } = self {

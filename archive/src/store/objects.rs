@@ -1,7 +1,7 @@
 //! A bucket of an S3-compatible server as a store.
 
 use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Seek};
+use std::io::{Error, Read, Seek};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -198,10 +198,12 @@ impl Store for Objects {
         from.rewind().map_err(io)?;
         let bytes = from.metadata().map_err(io)?.len();
         if bytes > LARGEST {
-            return Err(io(Error::new(
-                ErrorKind::FileTooLarge,
-                "S3 accepts at most 5 GiB in one object: lower record.roll_mb",
-            )));
+            return Err(StoreError::TooLarge {
+                place: self.place.clone(),
+                name: name.to_string(),
+                bytes,
+                most: LARGEST,
+            });
         }
         let key = name.to_string();
         let mut action = self.bucket.put_object(Some(&self.credentials), &key);
@@ -256,6 +258,33 @@ mod tests {
         assert!(fault("http://s3.example.org").contains("use https"));
         assert!(fault("https://s3.example.org").contains("archive.store_ca"));
         assert!(fault("s3.example.org").contains("write https://HOST"));
+    }
+
+    #[test]
+    fn part_above_the_limit_is_refused_and_others_are_not() {
+        let store = Objects::new(&BucketAccess {
+            endpoint: "http://127.0.0.1:1".into(),
+            region: "eu".into(),
+            bucket: "b".into(),
+            authorities: Vec::new(),
+            key: "k".into(),
+            secret: "s".into(),
+        });
+        let store = store.unwrap();
+        let name = PartName {
+            site: "berlin".into(),
+            daq: "bed3".into(),
+            session: "m1".into(),
+            part: "m1".into(),
+            sha256: "0".repeat(64),
+        };
+        let mut file = tempfile::tempfile().unwrap();
+        for (bytes, is_of_one_part) in [(LARGEST + 1, true), (1, false)] {
+            file.set_len(bytes).unwrap();
+            let error = store.put(&name, &mut file).unwrap_err();
+            assert_eq!(error.is_of_one_part(), is_of_one_part, "{error}");
+            assert_eq!(error.is_temporary(), !is_of_one_part, "{error}");
+        }
     }
 
     #[test]
