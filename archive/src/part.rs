@@ -37,6 +37,9 @@ pub enum PartError {
     /// The file cannot be read as a session.
     #[error("cannot be archived; `tactus sessions verify` shows what is wrong")]
     Unreadable(#[source] LogbookError),
+    /// The tracked baseline beside it cannot be read.
+    #[error("is archived when the tracked baseline beside it can be read")]
+    State(#[source] LogbookError),
     /// The file cannot be read.
     #[error("{} cannot be read", path.display())]
     Io {
@@ -95,9 +98,12 @@ impl Part {
         let (sha256, bytes) = sha256_of(&file).map_err(io)?;
         let folder = logbook::folder_of(path);
         let tracking = match header.id == header.session() {
-            // a damaged state stays one: it is refused where maps are made again, and the frames are archived
-            true => logbook::kept_state(folder, &header.id, StateKind::Tracking)
-                .unwrap_or_else(|error| Some(error.to_string())),
+            true => match logbook::kept_state(folder, &header.id, StateKind::Tracking) {
+                // a damaged state stays one: it is refused where maps are made again, and the frames are archived
+                Err(damaged @ LogbookError::Damaged { .. }) => Some(damaged.to_string()),
+                // the archive keeps what it gets first: a state that can be read later would never get there
+                state => state.map_err(PartError::State)?,
+            },
             false => None,
         };
         Ok(Self {
@@ -117,5 +123,33 @@ impl Part {
             tracking,
             file,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use logbook::SessionWriter;
+    use survey::Protocol;
+
+    use super::*;
+
+    #[test]
+    fn part_waits_for_a_tracked_baseline_that_cannot_be_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = DateTime::UNIX_EPOCH;
+        let header = SessionHeader::new("m1", at, Protocol::sheffield(8).unwrap());
+        let writer = SessionWriter::create(folder.path(), &header).unwrap();
+        let path = writer.path().to_owned();
+        writer.close(at, "done").unwrap();
+        let read = || Part::read(&path, "berlin", "bed3");
+        let state = folder.path().join("m1.tracking");
+        std::fs::create_dir(&state).unwrap();
+        let error = survey::error_chain(&read().unwrap_err());
+        assert!(error.contains("m1.tracking"), "{error}");
+        std::fs::remove_dir(&state).unwrap();
+        std::fs::write(&state, [0xff; 100]).unwrap();
+        assert!(read().unwrap().tracking.unwrap().contains("damaged"));
+        std::fs::remove_file(&state).unwrap();
+        assert_eq!(read().unwrap().tracking, None);
     }
 }

@@ -63,13 +63,14 @@ pub fn keep_state(dir: &Path, id: &str, kind: StateKind, state: &str) -> Result<
 /// A file that cannot be read or is damaged.
 pub fn kept_state(dir: &Path, id: &str, kind: StateKind) -> Result<Option<String>, LogbookError> {
     let path = kind.path(dir, id);
-    let text = match std::fs::read_to_string(&path) {
-        Ok(text) => text,
+    let bytes = match std::fs::read(&path) {
+        Ok(bytes) => bytes,
         Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(LogbookError::disk(&path, "read", source)),
+        Err(source) => return Err(LogbookError::io(&path, "read", source)),
     };
+    let text = std::str::from_utf8(&bytes).ok();
     let whole = text
-        .strip_suffix('\n')
+        .and_then(|text| text.strip_suffix('\n'))
         .and_then(|text| text.split_once('\n'));
     match whole {
         Some((sum, state)) if sum == checksum(state) => Ok(Some(state.to_owned())),
@@ -98,12 +99,15 @@ mod tests {
         let file = dir.join("b1.tracking");
         let text = std::fs::read_to_string(&file).unwrap();
         for wrong in [
-            text.replace('2', "3"),
-            text[..text.len() - 2].to_owned(),
-            String::new(),
+            text.replace('2', "3").into_bytes(),
+            text.as_bytes()[..text.len() - 2].to_vec(),
+            Vec::new(),
+            vec![0xff; 100],
         ] {
             std::fs::write(&file, wrong).unwrap();
-            let error = read().unwrap_err().to_string();
+            let error = read().unwrap_err();
+            assert!(matches!(error, LogbookError::Damaged { .. }), "{error:?}");
+            let error = error.to_string();
             assert!(error.contains("b1.tracking"), "{error}");
         }
         let course = kept_state(dir, "b1", StateKind::Course).unwrap();
