@@ -183,7 +183,10 @@ impl LogbookSink {
             }
             Err(error) if error.needs_successor() => self.renew(&error),
             // the next frame tries again
-            Err(error) if error.is_locked() => Ok(()),
+            Err(error) if error.is_locked() => {
+                self.disk.day = before;
+                Ok(())
+            }
             Err(error) => self.write_event(EventKind::PartRefused, &chain(&error)),
         }
     }

@@ -1,4 +1,5 @@
 mod events;
+mod parts;
 
 use std::path::PathBuf;
 use std::sync::Mutex;

@@ -1,0 +1,37 @@
+//! Parts of a session.
+
+use crate::recording::recorder::tests::*;
+
+#[test]
+fn part_of_a_new_day_begins_when_a_lock_is_released() {
+    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
+        roll_daily: true,
+        ..RecordSection::default()
+    });
+    for _ in 0..3 {
+        tell.send(Do::Map).unwrap();
+    }
+    let first = scene.status.path();
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    let durable = |number: u64| until(scene.status.follow_durable(), |durable| *durable == number);
+    scene.frame(99);
+    durable(1);
+    let lock = rusqlite::Connection::open(&first).unwrap();
+    lock.execute_batch("BEGIN IMMEDIATE").unwrap();
+    // of the next day
+    scene.frame(100);
+    until(scene.status.held(), |held| *held);
+    lock.execute_batch("ROLLBACK").unwrap();
+    drop(lock);
+    durable(2);
+    scene.frame(101);
+    durable(3);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let last = |path: &std::path::Path| {
+        let session = SessionReader::open(path).unwrap();
+        session.last().unwrap().unwrap().frame.sequence
+    };
+    assert_eq!((last(&first), last(&scene.status.path())), (2, 3));
+    assert_ne!(first, scene.status.path());
+}
