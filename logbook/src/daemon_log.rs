@@ -1,9 +1,9 @@
 //! Events of the daemon that belong to no session: lines of JSON beside the sessions, bounded in size.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use crate::files::lines::append_line;
 use crate::{Event, LogbookError};
 
 /// The current file, and the previous one.
@@ -35,21 +35,12 @@ impl DaemonLog {
         let path = directory.join(FILE_NAMES[0]);
         let begun = || -> std::io::Result<(File, u64)> {
             std::fs::create_dir_all(directory)?;
-            let mut file = OpenOptions::new()
+            let file = OpenOptions::new()
                 .create(true)
                 .read(true)
                 .append(true)
                 .open(&path)?;
             let bytes = file.metadata()?.len();
-            if bytes > 0 {
-                // ends a line torn by a power cut, so that the reader skips only that line
-                let mut last = [0];
-                file.seek(SeekFrom::Start(bytes - 1))?;
-                file.read_exact(&mut last)?;
-                if last != *b"\n" {
-                    file.write_all(b"\n")?;
-                }
-            }
             Ok((file, bytes))
         };
         let (file, bytes) = begun().map_err(|source| LogbookError::io(&path, "open", source))?;
@@ -80,11 +71,10 @@ impl DaemonLog {
         };
         let path = self.directory.join(FILE_NAMES[0]);
         let mut written = || -> std::io::Result<usize> {
-            let mut line = serde_json::to_vec(&short)?;
-            line.push(b'\n');
-            self.file.write_all(&line)?;
+            let line = serde_json::to_vec(&short)?;
+            append_line(&mut self.file, &line)?;
             self.file.sync_data()?;
-            Ok(line.len())
+            Ok(line.len() + 1)
         };
         let line = written().map_err(|source| LogbookError::io(&path, "write", source))?;
         self.bytes += line as u64;
@@ -151,6 +141,21 @@ mod tests {
                 .unwrap()
                 .is_empty()
         );
+    }
+
+    #[test]
+    fn line_torn_by_a_full_disk_takes_no_other_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer = DaemonLog::open(folder.path()).unwrap();
+        writer.append(&event(1, "the disk is full")).unwrap();
+        let path = folder.path().join(FILE_NAMES[0]);
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes.extend_from_slice(b"{\"at\":\"2026-");
+        std::fs::write(&path, bytes).unwrap();
+        writer.append(&event(2, "there is space again")).unwrap();
+        let read = read_daemon_log(folder.path()).unwrap();
+        let texts: Vec<&str> = read.iter().map(|event| event.text.as_str()).collect();
+        assert_eq!(texts, ["the disk is full", "there is space again"]);
     }
 
     #[test]

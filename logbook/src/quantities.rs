@@ -4,10 +4,10 @@
 //! space, and JSON. A last line that was written in part is not read.
 
 use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::LogbookError;
+use crate::files::lines::append_line;
 use crate::states::checksum;
 
 /// End of the name of the file.
@@ -26,31 +26,16 @@ pub fn quantities_file(dir: &Path, id: &str) -> PathBuf {
 /// A disk error.
 pub fn append_quantities(dir: &Path, id: &str, json: &str) -> Result<(), LogbookError> {
     let path = quantities_file(dir, id);
-    let line = format!("{} {json}\n", &checksum(json)[..DIGITS]);
+    let line = format!("{} {json}", &checksum(json)[..DIGITS]);
     let append = || -> std::io::Result<()> {
         let mut file = OpenOptions::new()
             .create(true)
             .append(true)
             .read(true)
             .open(&path)?;
-        // after a crash the last line may have no end
-        if !ends_with_newline(&mut file)? {
-            file.write_all(b"\n")?;
-        }
-        file.write_all(line.as_bytes())
+        append_line(&mut file, line.as_bytes())
     };
     append().map_err(|source| LogbookError::disk(&path, "write the quantities to", source))
-}
-
-fn ends_with_newline(file: &mut std::fs::File) -> std::io::Result<bool> {
-    use std::io::{Read, Seek, SeekFrom};
-    if file.metadata()?.len() == 0 {
-        return Ok(true);
-    }
-    file.seek(SeekFrom::End(-1))?;
-    let mut last = [0];
-    file.read_exact(&mut last)?;
-    Ok(last == *b"\n")
 }
 
 /// A line of quantities.

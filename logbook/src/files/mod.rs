@@ -1,6 +1,7 @@
 //! The files of sessions: their names, their parts, SQLite's companion files, and the files that this process writes.
 //! Their content is handled by `reader` and `writer`.
 
+pub(crate) mod lines;
 pub(crate) mod open_files;
 
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Retention: removes sessions by age or size, optionally only exported ones.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,6 +10,7 @@ use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
 use crate::directory::index;
+use crate::files::lines::append_line;
 use crate::files::{EXTENSION, entries, id_of, part_of, path_of};
 use crate::{LogbookError, SessionKind, SessionReader, SessionSummary, StateKind};
 
@@ -366,14 +367,9 @@ fn remove(
         let mut file = std::fs::OpenOptions::new()
             .create(true)
             .append(true)
+            .read(true)
             .open(&list)?;
-        let before = file.metadata()?.len();
-        let written = writeln!(file, "{}", serde_json::to_string(&line)?);
-        if written.is_err() {
-            // a full disk may have taken the begin of the line
-            let _ = file.set_len(before);
-        }
-        written
+        append_line(&mut file, &serde_json::to_vec(&line)?)
     };
     let append =
         || append().map_err(|source| LogbookError::disk(&list, "write what is removed to", source));

@@ -1,0 +1,43 @@
+//! Files of lines that are only appended.
+
+use std::fs::File;
+use std::io::{Result, Write};
+use std::os::unix::fs::FileExt;
+
+/// Appends a line and its end to a file that is open for reading and appending. A line that a power cut or a full disk left without
+/// its end does not take this one with it; of a line that the disk refuses nothing stays, as far as the disk allows it.
+pub(crate) fn append_line(file: &mut File, line: &[u8]) -> Result<()> {
+    let before = file.metadata()?.len();
+    let mut last = [b'\n'];
+    if before > 0 {
+        file.read_exact_at(&mut last, before - 1)?;
+    }
+    let torn: &[u8] = if last == *b"\n" { b"" } else { b"\n" };
+    let written = file.write_all(&[torn, line, b"\n"].concat());
+    if written.is_err() {
+        let _ = file.set_len(before);
+    }
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torn_line_takes_no_later_one_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lines");
+        let mut file = File::options()
+            .create(true)
+            .read(true)
+            .append(true)
+            .open(&path)
+            .unwrap();
+        append_line(&mut file, b"one").unwrap();
+        append_line(&mut file, b"two").unwrap();
+        file.write_all(b"thr").unwrap();
+        append_line(&mut file, b"four").unwrap();
+        assert_eq!(std::fs::read(path).unwrap(), b"one\ntwo\nthr\nfour\n");
+    }
+}
