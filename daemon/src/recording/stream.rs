@@ -37,7 +37,14 @@ pub(crate) struct Wanted {
 /// Every reader of one session.
 #[derive(Debug, Default)]
 pub(crate) struct Readers {
-    readers: Mutex<Vec<Arc<Reader>>>,
+    open: Mutex<OpenReaders>,
+}
+
+#[derive(Debug, Default)]
+struct OpenReaders {
+    readers: Vec<Arc<Reader>>,
+    /// The record of the session's end, once it was sent: a later reader gets it at once.
+    end: Option<Arc<[u8]>>,
 }
 
 #[derive(Debug)]
@@ -77,11 +84,14 @@ impl Readers {
             news: Notify::new(),
             over: Notify::new(),
         });
-        let mut readers = locked(&self.readers);
+        let mut open = locked(&self.open);
         // without publishing, many readers may have connected and disconnected
-        readers.retain(|reader| !locked(&reader.waiting).gone);
-        readers.push(Arc::clone(&reader));
-        drop(readers);
+        open.forget_gone();
+        match &open.end {
+            Some(end) => reader.end(end),
+            None => open.readers.push(Arc::clone(&reader)),
+        }
+        drop(open);
         tokio::spawn(async move {
             // a panic is logged where it happens; the reader's stream is closed
             let _ = answer(PanicScope::Reply, serve(reader, ours)).await;
@@ -92,7 +102,7 @@ impl Readers {
 
     /// Whether there is any reader.
     pub(crate) fn is_empty(&self) -> bool {
-        locked(&self.readers).is_empty()
+        locked(&self.open).readers.is_empty()
     }
 
     /// Whether any of them wants the load after every injection.
@@ -107,19 +117,26 @@ impl Readers {
 
     fn any_wants(&self, what: impl Fn(&Wanted) -> bool) -> bool {
         let wants = |reader: &Arc<Reader>| what(&reader.wanted) && !locked(&reader.waiting).gone;
-        locked(&self.readers).iter().any(wants)
+        locked(&self.open).readers.iter().any(wants)
     }
 
     /// Sends a record to all readers that requested its kind; never waits.
     pub(crate) fn publish(&self, record: &Record) {
-        let mut readers = locked(&self.readers);
-        readers.retain(|reader| !locked(&reader.waiting).gone);
-        if readers.is_empty() {
+        let mut open = locked(&self.open);
+        open.forget_gone();
+        if let Body::End { .. } = record.body {
+            let end: Arc<[u8]> = record.encode().into();
+            for reader in open.readers.drain(..) {
+                reader.end(&end);
+            }
+            open.end = Some(end);
+            return;
+        }
+        if open.readers.is_empty() {
             return;
         }
         let encoded: Arc<[u8]> = record.encode().into();
-        let ended = matches!(record.body, Body::End { .. });
-        for reader in readers.iter() {
+        for reader in &open.readers {
             let wants = match record.body {
                 Body::Frame { .. } => reader.wanted.frames,
                 Body::Map { .. } => reader.wanted.maps,
@@ -132,19 +149,28 @@ impl Readers {
                 Body::End { .. } => true,
             };
             if wants {
-                let mut waiting = locked(&reader.waiting);
-                waiting.ring.push(Arc::clone(&encoded));
-                waiting.ended |= ended;
-                drop(waiting);
+                locked(&reader.waiting).ring.push(Arc::clone(&encoded));
                 reader.news.notify_one();
             }
-            if ended {
-                reader.over.notify_one();
-            }
         }
-        if ended {
-            readers.clear();
-        }
+    }
+}
+
+impl OpenReaders {
+    fn forget_gone(&mut self) {
+        self.readers.retain(|reader| !locked(&reader.waiting).gone);
+    }
+}
+
+impl Reader {
+    /// Sends the record of the session's end, which is the last one.
+    fn end(&self, end: &Arc<[u8]>) {
+        let mut waiting = locked(&self.waiting);
+        waiting.ring.push(Arc::clone(end));
+        waiting.ended = true;
+        drop(waiting);
+        self.news.notify_one();
+        self.over.notify_one();
     }
 }
 
@@ -293,7 +319,7 @@ mod tests {
         given_back.await.unwrap_err();
         let more = readers.add(wanted, ()).unwrap();
         assert_eq!(
-            locked(&readers.readers).len(),
+            locked(&readers.open).readers.len(),
             2,
             "who is gone is forgotten"
         );
@@ -309,6 +335,37 @@ mod tests {
             stays.read_to_end(&mut bytes).map(|_| bytes)
         });
         assert!(!read.await.unwrap().unwrap().is_empty());
+    }
+
+    #[tokio::test]
+    async fn reader_that_comes_after_the_end_gets_it() {
+        let readers = Readers::default();
+        let wanted = Wanted {
+            frames: true,
+            maps: true,
+            pressure: false,
+            quality: false,
+            injections: false,
+            deviations: false,
+            ring: 4,
+        };
+        let end = Record {
+            body: Body::End {
+                reason: "over".into(),
+            },
+            ..frame(7)
+        };
+        readers.publish(&end);
+        let fd = readers.add(wanted, ()).unwrap();
+        assert!(readers.is_empty());
+        let read = tokio::task::spawn_blocking(move || {
+            let mut bytes = Vec::new();
+            std::fs::File::from(fd).read_to_end(&mut bytes).unwrap();
+            bytes
+        });
+        let mut decoder = Decoder::new();
+        decoder.push(&read.await.unwrap());
+        assert_eq!(decoder.next_record().unwrap(), Some(end));
     }
 
     #[tokio::test(start_paused = true)]
