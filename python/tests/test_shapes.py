@@ -143,3 +143,8 @@ def test_merit_and_likeness():
     assert merit["amplitude"] == 4.0 and merit["centroid"] == (0.0, 0.5)
     like = tactus_eit.likeness([-0.5, 0.0, -0.5, 0.0], [-1.0, -1.0, 0.0, 0.0], [1.0, 1.0, 2.0, 2.0])
     assert like["dice"] == pytest.approx(0.4) and abs(like["correlation"]) < 1e-15
+
+
+def test_relative_error_without_a_load_is_not_known():
+    like = tactus_eit.likeness([-0.5, 0.0], [0.0, 0.0], [1.0, 2.0])
+    assert np.isnan(like["relative_error"])

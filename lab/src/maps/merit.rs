@@ -74,7 +74,9 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
         };
         let position = target.map(|_| merit.position_error);
         let correlation = beside.map(|(like, _)| like.correlation);
-        let relative = beside.map(|(like, _)| like.relative_error);
+        let relative = beside
+            .map(|(like, _)| like.relative_error)
+            .filter(|error| !error.is_nan());
         let ssim = beside.and_then(|(_, ssim)| ssim);
         let dice = beside.map(|(like, _)| like.dice);
         if options.json {

@@ -59,7 +59,7 @@ const PAPER: [(&str, f64); 3] = [
 const LEGEND: &str = "\
 mean mm, worst  distance from the true place to the found one, mean and largest, mm (0)
 corr            correlation of the map with the truth, weighed by area (1)
-error           norm of the difference from the truth over the norm of the truth (0)
+error           norm of the difference from the truth over the norm of the truth, of frames with a load (0)
 Dice            overlap of the parts at or above half of the largest loss (1)
 SSIM            structural similarity of the rasters (1)
 AR PE RES       GREIT: amplitude response, position error, resolution (the same everywhere; 0; small)
@@ -67,7 +67,7 @@ SD RNG          GREIT: shape deformation, ringing (0)
 NF              noise figure of the method: noise to signal of the map over that of the readings
 new             share of the frames that a trained model calls unlike its training
 ms              median time of a frame, ms
-A - stands where the method has no such figure.";
+A - stands where there is no such figure.";
 
 /// Figures of one method on one set.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -169,8 +169,8 @@ fn show(line: &Line, json: bool) {
         novel_share,
     } = line;
     let [ar, pe, res, sd, rng] = figures.greit;
+    let number = |value: f64| value.is_finite().then_some(value);
     if json {
-        let number = |value: f64| value.is_finite().then_some(value);
         let line = serde_json::json!({
             "set": figures.set,
             "method": figures.method,
@@ -178,7 +178,7 @@ fn show(line: &Line, json: bool) {
             "location_error_mm": number(figures.error_mm),
             "worst_location_error_mm": number(figures.worst_mm),
             "correlation": figures.correlation,
-            "relative_error": figures.relative_error,
+            "relative_error": number(figures.relative_error),
             "dice": figures.dice,
             "ssim": figures.ssim,
             "amplitude": ar,
@@ -192,24 +192,27 @@ fn show(line: &Line, json: bool) {
         });
         print_line!("{}", survey::printable_json(line.to_string()));
     } else {
+        let cell = |value: Option<f64>, decimals: usize| {
+            value.map_or("-".to_owned(), |value| format!("{value:.decimals$}"))
+        };
         print_line!(
-            "{:<22} {:<24} {:>6} {:>8.2} {:>8.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>9.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>6} {:>5} {:>9.3}",
+            "{:<22} {:<24} {:>6} {:>8} {:>8} {:>6.3} {:>6} {:>6.3} {:>6.3} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>9.3}",
             figures.set,
             figures.method,
             figures.frames,
-            figures.error_mm,
-            figures.worst_mm,
+            cell(number(figures.error_mm), 2),
+            cell(number(figures.worst_mm), 2),
             figures.correlation,
-            figures.relative_error,
+            cell(number(figures.relative_error), 3),
             figures.dice,
             figures.ssim,
-            ar,
-            pe,
-            res,
-            sd,
-            rng,
-            noise_figure.map_or("-".to_owned(), |figure| format!("{figure:.2}")),
-            novel_share.map_or("-".to_owned(), |share| format!("{share:.2}")),
+            cell(number(ar), 2),
+            cell(number(pe), 3),
+            cell(number(res), 3),
+            cell(number(sd), 3),
+            cell(number(rng), 3),
+            cell(*noise_figure, 2),
+            cell(*novel_share, 2),
             figures.ms
         );
     }

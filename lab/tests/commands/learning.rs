@@ -1,4 +1,4 @@
-//! Training sets in files, the trained linear map, figures of merit and test sets, by command lines.
+//! Training sets in files, the trained linear map and test sets, by command lines.
 
 use std::path::{Path, PathBuf};
 
@@ -241,35 +241,6 @@ fn every_kind_trains_through_the_mirrors_of_a_sheet() {
             "{kind}"
         );
     }
-}
-
-#[test]
-fn images_get_their_figures_with_all_digits() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("one.csv"), "NaN,0,0\n0,4,1\n0,-1,NaN\n").unwrap();
-    std::fs::write(at("targets.csv"), "image,x,y\none,0.6,0.8\n").unwrap();
-    let output = lab(&words("merit --images {} --json", &[folder.path()]));
-    assert!(output.status.success());
-    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    for (name, value) in [
-        ("amplitude", 4.0),
-        ("position_error", 0.5),
-        ("resolution", (2.0_f64 / 7.0).sqrt()),
-        ("ringing", 0.2),
-        // q: two pixels a distance 1 apart, r^2 = 8 / 9 / pi > 1/4
-        ("shape_deformation", 0.0),
-    ] {
-        assert!(
-            (figures[name].as_f64().unwrap() - value).abs() < 1e-12,
-            "{name}"
-        );
-    }
-    let message = refused(
-        "merit --images {} --negate --truth {}",
-        &[folder.path(), &at("none")],
-    );
-    assert!(message.contains("none"), "{message}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 mod commands;
 mod ignored;
+mod images;
 mod interrupted;
 mod learning;
 mod modelling;

@@ -236,7 +236,7 @@ impl Image {
 pub struct Likeness {
     /// Pearson's, weighted by area; 0 where either is constant.
     pub correlation: f64,
-    /// |map - truth| / |truth|, weighted by area.
+    /// |map - truth| / |truth|, weighted by area; NaN (not known) for a truth without a load.
     pub relative_error: f64,
     /// Twice the overlap over the sum of the areas at or above half of each one's own largest absolute value.
     pub dice: f64,
@@ -272,7 +272,11 @@ pub fn likeness(map: &[f64], truth: &[f64], areas: &[f64]) -> Likeness {
     let ratio = |up: f64, down: f64| if down > 0.0 { up / down } else { 0.0 };
     Likeness {
         correlation: ratio(cross, (own * other).sqrt()),
-        relative_error: ratio(error.sqrt(), size.sqrt()),
+        // of a truth that is zero everywhere no error is a share, and 0 would be that of a perfect map
+        relative_error: match size > 0.0 {
+            true => error.sqrt() / size.sqrt(),
+            false => f64::NAN,
+        },
         dice: ratio(2.0 * both, sum),
     }
 }
@@ -352,5 +356,13 @@ mod tests {
         // means -1/4 and -1/3: cross 0.5 - 6/12 = 0
         assert!(other.correlation.abs() < 1e-15);
         assert_eq!(likeness(&[0.0; 4], &truth, &areas).dice, 0.0);
+    }
+
+    #[test]
+    fn relative_error_without_a_true_load_is_not_known() {
+        for map in [[-0.5, 0.0, -0.5, 0.0], [0.0; 4]] {
+            let like = likeness(&map, &[0.0; 4], &[1.0, 1.0, 2.0, 2.0]);
+            assert!(like.relative_error.is_nan(), "{like:?}");
+        }
     }
 }

@@ -6,7 +6,7 @@ use shards::any_f64;
 
 use super::maps::{Frame, Judged};
 use super::raster::Raster;
-use super::statistics::average;
+use super::statistics::{average, average_of_known};
 use crate::failure::Failure;
 use eit::metrics::median;
 
@@ -18,7 +18,7 @@ pub struct OfFrame {
     /// Correlation of the map with the truth, weighted by area.
     #[serde(with = "any_f64")]
     pub correlation: f64,
-    /// Norm of the difference from the truth over the norm of the truth.
+    /// Norm of the difference from the truth over the norm of the truth; NaN for a truth without a load.
     #[serde(with = "any_f64")]
     pub relative_error: f64,
     /// Overlap of the parts at or above half of the largest loss.
@@ -52,7 +52,7 @@ pub struct Figures {
     /// Correlation of the map with the truth, weighted by area.
     #[serde(with = "any_f64")]
     pub correlation: f64,
-    /// Norm of the difference from the truth over the norm of the truth.
+    /// Norm of the difference from the truth over the norm of the truth, of the frames with a true load; NaN without one.
     #[serde(with = "any_f64")]
     pub relative_error: f64,
     /// Overlap of the parts at or above half of the largest loss.
@@ -149,7 +149,7 @@ pub fn figures(name: &str, judged: &Judged, frames: &[OfFrame]) -> Figures {
         error_mm: average(errors()),
         worst_mm: errors().reduce(f64::max).unwrap_or(f64::NAN),
         correlation: mean(|frame| frame.correlation),
-        relative_error: mean(|frame| frame.relative_error),
+        relative_error: average_of_known(frames.iter().map(|frame| frame.relative_error)),
         dice: mean(|frame| frame.dice),
         ssim: mean(|frame| frame.ssim),
         greit: [0, 1, 2, 3, 4].map(greit),

@@ -17,9 +17,26 @@ pub fn average(values: impl Iterator<Item = f64>) -> f64 {
     sum / count
 }
 
+/// The mean of the values that are known, that is not NaN; NaN where none is.
+pub(super) fn average_of_known(values: impl Iterator<Item = f64>) -> f64 {
+    average(values.filter(|value| !value.is_nan()))
+}
+
 /// The value below which this share of the values lies; NaN without values.
 pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let at = share * (values.len().max(1) - 1) as f64;
     values.get(at.round() as usize).copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::average_of_known;
+
+    #[test]
+    fn values_that_are_not_known_are_no_part_of_a_mean() {
+        let mean = |values: &[f64]| average_of_known(values.iter().copied());
+        assert_eq!(mean(&[1.0, f64::NAN, 2.0]), 1.5);
+        assert!(mean(&[f64::NAN]).is_nan());
+    }
 }
