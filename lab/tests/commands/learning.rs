@@ -117,6 +117,31 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
 }
 
 #[test]
+fn a_set_made_for_another_sheet_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let [set, other, model] = ["set", "other", "x.model"].map(|name| folder.path().join(name));
+    done(&words(
+        "dataset --cases 20 --case {} --out {}",
+        &[&case, &set],
+    ));
+    // the same mesh and protocol
+    for measure in ["contact_ohm=77.0", "sheet_ohm=777.0"] {
+        let line = format!(
+            "mesh --force --preset disc-tank --set radius_mm=100.0 --set electrodes=8 --set fineness=0.5 --set {measure} --out {{}}"
+        );
+        done(&words(&line, &[&other]));
+        let line = "train linear --yes --profile matched --dataset {} --case {} --out {}";
+        let message = refused(line, &[&set, &other, &model]);
+        assert!(
+            message.contains("shard-0-of-1.json") && message.contains("other contacts"),
+            "{measure}: {message}"
+        );
+        assert!(!model.exists(), "{measure}");
+    }
+}
+
+#[test]
 fn a_linear_map_is_trained_loaded_and_finds_a_press() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank(folder.path());

@@ -98,17 +98,22 @@ pub fn make_shard(
     })
 }
 
-/// The header, which contains everything that determines the bits of a shard.
-fn header(case: &Case, settings: &TrainingSettings, shard: Shard) -> Value {
+/// Hash of the contacts and the unloaded conductance of a case.
+fn contacts_and_sigma0(case: &Case) -> String {
     let sheet = json!({
         "contact_ohm_m": case.contact_ohm_m,
         "sigma0": case.unloaded_conductance(),
     });
+    fingerprint(sheet.to_string().as_bytes())
+}
+
+/// The header, which contains everything that determines the bits of a shard.
+fn header(case: &Case, settings: &TrainingSettings, shard: Shard) -> Value {
     json!({
         "layout": LAYOUT,
         "geometry": case.mesh.hash(),
         "survey": case.protocol.hash(),
-        "contacts_and_sigma0": fingerprint(sheet.to_string().as_bytes()),
+        "contacts_and_sigma0": contacts_and_sigma0(case),
         "settings": settings,
         "inputs": case.protocol.len(),
         "outputs": case.mesh.region().len(),

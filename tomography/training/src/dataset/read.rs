@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use eit::{Case, TrainingSettings};
 use sha2::{Digest, Sha256};
 
-use super::DataSetError;
+use super::{DataSetError, contacts_and_sigma0};
 use crate::samples::{Sample, SampleError, Samples};
 
 /// Every shard of a set.
@@ -36,7 +36,7 @@ impl DataSet {
     /// their checksums.
     ///
     /// # Errors
-    /// Files that cannot be read, a set for another mesh or protocol, shards that are missing or damaged.
+    /// Files that cannot be read, a set for another mesh, protocol or sheet, shards that are missing or damaged.
     pub fn open(folder: &Path, case: &Case) -> Result<Self, DataSetError> {
         let mut manifests = Vec::new();
         let entries = std::fs::read_dir(folder).map_err(|cause| DataSetError::io(folder, cause))?;
@@ -71,6 +71,13 @@ impl DataSet {
             return Err(wrong(
                 path,
                 "the set was made for another mesh or protocol than the case's",
+            ));
+        }
+        if head["contacts_and_sigma0"] != contacts_and_sigma0(case) {
+            return Err(wrong(
+                path,
+                "the set was made for a sheet with other contacts or another unloaded conductance (homog) than the case's: take that \
+                 case, or make the set again for this one with tactus-lab dataset",
             ));
         }
         let mut set = Self {
