@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use imaging::recorded::{FrameTable, TableOptions};
+use eit::Case;
+use imaging::recorded::{self, FrameTable, TableOptions};
 use studies::Failure;
+use survey::Amps;
 
 use super::eidors;
 
@@ -27,4 +29,16 @@ pub(crate) fn frames(
         return eidors::frames(case, table.baseline, readings, table.negate);
     }
     Ok(FrameTable::read(folder(case), table, readings)?)
+}
+
+/// The current of all readings of a case that was read from `path`; `attempt` is what needs it.
+///
+/// # Errors
+/// Readings at several currents.
+pub(crate) fn one_current(path: &Path, case: &Case, attempt: &str) -> Result<Amps, Failure> {
+    let file = match eidors::is_mat(path) {
+        true => path.to_owned(),
+        false => path.join("protocol.csv"),
+    };
+    recorded::one_current(&file, &case.currents).map_err(|fault| Failure::of(attempt, &fault))
 }

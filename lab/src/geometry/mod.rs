@@ -7,7 +7,7 @@ mod mesh;
 mod sheet;
 mod solve;
 
-pub(crate) use frames::{folder, frames};
+pub(crate) use frames::{folder, frames, one_current};
 pub(crate) use mesh::{case, mesh, preset, read, with_depth};
 pub(crate) use sheet::sheet;
 pub(crate) use solve::{forward, jacobian, transfer};

@@ -1,14 +1,14 @@
 //! `tactus-lab sheet`: the sheet behind a baseline, uneven as it was sprayed, as a case folder.
 
 use eit::Case;
-use imaging::recorded::{Recording, TableOptions, one_current};
+use imaging::recorded::{Recording, TableOptions};
 use imaging::tracking::sheet_fit;
 use imaging::{Conditions, Geometry};
 use serde_json::json;
 use studies::Failure;
 use survey::{Amps, Electrode, Reading};
 
-use super::{frames, read};
+use super::{frames, one_current, read};
 use crate::args::SheetOptions;
 use crate::output::print_line;
 
@@ -81,10 +81,8 @@ fn baseline(options: &SheetOptions, case: &Case) -> Result<(Vec<Reading>, Amps),
         }
         return Ok((recording.unloaded.readings, recording.current));
     }
-    let current =
-        one_current(&options.case.join("protocol.csv"), &case.currents).map_err(|fault| {
-            Failure::of("cannot fit a sheet to readings at several currents", &fault)
-        })?;
+    let attempt = "cannot fit a sheet to readings at several currents";
+    let current = one_current(&options.case, case, attempt)?;
     let table = TableOptions {
         frames: options.frames.as_deref(),
         baseline: options.baseline.as_ref(),

@@ -31,6 +31,10 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     };
     let recording = geometry::frames(&options.case, &table, case.protocol.len())?;
     let chosen = MethodOptions::parse(&options.method, &words(options))?;
+    if chosen.removes_drift() {
+        let attempt = "--drift frame is for readings at one current";
+        geometry::one_current(&options.case, &case, attempt)?;
+    }
     let model = chosen.prepare(&case, &recording)?;
     for note in &model.notes {
         eprintln!("tactus-lab: {}", survey::printable(note));

@@ -42,6 +42,16 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             "--drift frame is for frames whose baseline is not tracked; omit it or --tracked",
         ));
     }
+    // the drift of a sheet is that of readings at one current
+    let of_drift = [
+        ("--tracked", options.tracked.tracked == Some(true)),
+        ("--drift frame", options.method.removes_drift()),
+        ("--sd", options.sd),
+    ];
+    if let Some((option, _)) = of_drift.into_iter().find(|(_, given)| *given) {
+        let attempt = format!("{option} is for readings at one current");
+        geometry::one_current(&options.case, &case, &attempt)?;
+    }
     let recording = frames(options, case.protocol.len())?;
     let calibration = options
         .calibration

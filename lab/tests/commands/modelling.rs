@@ -50,20 +50,59 @@ fn refused(line: &str, paths: &[&Path]) -> String {
     message
 }
 
+/// Gives the last reading of a case another current than the others have.
+fn put_another_current(case: &Path) {
+    let protocol = case.join("protocol.csv");
+    let text = std::fs::read_to_string(&protocol).unwrap();
+    let (but_the_last, _) = text.rsplit_once(',').unwrap();
+    std::fs::write(&protocol, format!("{but_the_last},2e-3\n")).unwrap();
+}
+
 #[test]
 fn a_sheet_is_fitted_to_readings_at_one_current() {
     let tank = Tank::new();
     let [case, volts, fitted] = ["tank", "v.csv", "fitted"].map(|name| tank.path(name));
     let line = "forward --case {} --sigma homog --out {}";
     done(&words(line, &[&case, &volts]));
-    let protocol = case.join("protocol.csv");
-    let text = std::fs::read_to_string(&protocol).unwrap();
-    let (but_the_last, _) = text.rsplit_once(',').unwrap();
-    std::fs::write(&protocol, format!("{but_the_last},2e-3\n")).unwrap();
+    put_another_current(&case);
     let line = "sheet --case {} --frames {} --out {}";
     let message = refused(line, &[&case, &volts, &fitted]);
     assert!(message.contains("several currents"), "{message}");
     assert!(!fitted.exists());
+}
+
+#[test]
+fn drift_is_estimated_of_readings_at_one_current() {
+    let tank = Tank::new();
+    let [case, volts, maps] = ["tank", "v.csv", "maps.csv"].map(|name| tank.path(name));
+    put_another_current(&case);
+    let line = "forward --case {} --sigma homog --out {}";
+    done(&words(line, &[&case, &volts]));
+    let line = "reconstruct --method one-step --noise-v 2e-6 --case {} --frames {} --out {}";
+    for (options, says) in [
+        (" --tracked --period-s 1", "--tracked is for"),
+        (" --drift frame", "--drift frame is for"),
+        (" --sd", "--sd is for"),
+    ] {
+        let message = refused(&format!("{line}{options}"), &[&case, &volts, &maps]);
+        assert!(
+            message.contains(says) && message.contains("protocol.csv injects different currents"),
+            "{options}: {message}"
+        );
+        assert!(!maps.exists(), "{options}");
+    }
+    done(&words(line, &[&case, &volts, &maps]));
+
+    let set = tank.path("set");
+    let line = "judge --set presses-10 --count 1 --measure fineness=0.4 --out {}";
+    done(&words(line, &[&set]));
+    put_another_current(&set);
+    let mut line = words("evaluate --set {} --method", &[&set]);
+    line.push("one-step --drift frame".into());
+    let output = lab(&line);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("--drift frame is for"), "{message}");
 }
 
 #[test]

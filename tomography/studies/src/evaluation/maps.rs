@@ -14,7 +14,7 @@ use super::test_set;
 use crate::failure::Failure;
 use crate::progress;
 use imaging::Model;
-use imaging::recorded::{BaselineRule, FrameTable, TableOptions};
+use imaging::recorded::{BaselineRule, FrameTable, TableOptions, one_current};
 use training::noise_figure::by_draws;
 
 /// Noise assumed for noise-free frames, V: with zero noise a method would fit its model error.
@@ -105,6 +105,10 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         ..TableOptions::default()
     };
     let recording = FrameTable::read(folder, &table, case.protocol.len())?;
+    if options.removes_drift() {
+        one_current(&folder.join("protocol.csv"), &case.currents)
+            .map_err(|fault| Failure::of("--drift frame is for readings at one current", &fault))?;
+    }
     let model = options.prepare(&case, &recording)?;
     let triangles = case.mesh.region().len();
     let truths = rows(
