@@ -185,8 +185,8 @@ pub(crate) struct DatasetOptions {
     /// Cases of the whole set [default: 15000, or that of the settings]
     #[arg(long, value_name = "N", value_parser = set_cases)]
     pub(crate) cases: Option<usize>,
-    /// Algorithm 1 with other parameters, and the paper's open readings: TOML with the keys of the training settings, e.g.
-    /// polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"
+    /// Algorithm 1 with other parameters, and the paper's open readings: TOML with the keys of the training settings by which cases
+    /// are drawn, e.g. polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"
     #[arg(long, value_name = "FILE")]
     pub(crate) settings: Option<PathBuf>,
     /// Case folder of the geometry [default: the preset of the paper's sheet at 1 mA]

@@ -62,15 +62,27 @@ fn make(
     Ok(made)
 }
 
+/// Settings that each training has of its own: the cases of a set do not depend on them.
+const WITHOUT_EFFECT: [&str; 4] = ["jitter", "neurons", "repeats", "spread_times"];
+
 fn settings(options: &DatasetOptions) -> Result<TrainingSettings, Failure> {
     let mut settings: TrainingSettings = match &options.settings {
         None => TrainingSettings::default(),
         Some(path) => {
             let text = std::fs::read_to_string(path)
                 .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
-            toml::from_str(&text).map_err(|fault| {
-                Failure::configuration(format!("{}: {}", path.display(), fault.message()))
-            })?
+            let wrong = |why: &str| Failure::configuration(format!("{}: {why}", path.display()));
+            let refused = |fault: toml::de::Error| wrong(fault.message());
+            let given: toml::Table = toml::from_str(&text).map_err(refused)?;
+            if let Some(key) = given
+                .keys()
+                .find(|key| WITHOUT_EFFECT.contains(&key.as_str()))
+            {
+                return Err(wrong(&format!(
+                    "{key} has no effect on a set: omit it here, and give it when a model is trained (tactus-lab train)"
+                )));
+            }
+            toml::from_str(&text).map_err(refused)?
         }
     };
     if let Some(seed) = options.seed {

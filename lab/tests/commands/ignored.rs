@@ -164,6 +164,33 @@ fn seed_of_the_settings_is_that_of_the_set() {
 }
 
 #[test]
+fn settings_without_effect_on_a_set_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let [settings, out] = ["settings.toml", "set"].map(|name| folder.path().join(name));
+    let line = "dataset --cases 20 --settings {} --case {} --out {}";
+    let paths: [&Path; 3] = [&settings, &case, &out];
+    for text in [
+        "repeats = 3\n",
+        "vertices = 4\nspread_times = 2.0\n",
+        "neurons = 7\n",
+        "[jitter]\nprofile = \"paper\"\ngamma = 0.02\n",
+    ] {
+        std::fs::write(&settings, text).unwrap();
+        let output = lab(&words(line, &paths));
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(78), "{text}: {message}");
+        assert!(
+            message.contains("settings.toml") && message.contains("has no effect on a set"),
+            "{text}: {message}"
+        );
+        assert!(!out.exists(), "{text}");
+    }
+    std::fs::write(&settings, "vertices = 4\n[open]\nspread = \"variance\"\n").unwrap();
+    done(&words(line, &paths));
+}
+
+#[test]
 fn settings_that_a_deep_network_would_ignore_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank(folder.path());
