@@ -1,6 +1,10 @@
 //! Recommends a setting of the rig from the kept table (`tactus-lab advise`).
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 
 use super::panel::{Panel, Point};
 use crate::failure::Failure;
@@ -98,17 +102,52 @@ pub fn advise(options: &Request) -> Result<Point, Failure> {
     }
 }
 
+/// Results that make a point a setting of the rig: without one the lines of the configuration would lack a number.
+const SETTINGS: [&str; 6] = [
+    "electrodes",
+    "current, mA",
+    "NPLC",
+    "averages",
+    "half",
+    "skip",
+];
+
+/// A table whose points all have the [`SETTINGS`].
+#[derive(Deserialize)]
+struct Complete {
+    #[serde(rename = "points")]
+    _points: Vec<CompletePoint>,
+}
+
+#[derive(Deserialize)]
+struct CompletePoint {
+    #[serde(rename = "also", deserialize_with = "all_settings")]
+    _also: (),
+}
+
+fn all_settings<'de, D: Deserializer<'de>>(from: D) -> Result<(), D::Error> {
+    let also = BTreeMap::<String, f64>::deserialize(from)?;
+    let absent = SETTINGS.iter().find(|name| !also.contains_key(**name));
+    absent.map_or(Ok(()), |name| {
+        let why = format!("a setting of the rig without '{name}'");
+        Err(D::Error::custom(why))
+    })
+}
+
 fn parsed(name: &str, text: &str) -> Result<Panel, Failure> {
     let wrong = |why: String| {
         Failure::because(format!(
             "{name}: {why}; tactus-lab tradeoff --only acquisition makes such a table"
         ))
     };
-    let panel: Panel = serde_json::from_str(text).map_err(|fault| wrong(fault.to_string()))?;
-    match panel.panel.as_str() {
-        "acquisition" => Ok(panel),
-        other => Err(wrong(format!("is the table of '{other}'"))),
+    let damaged = |fault: serde_json::Error| wrong(fault.to_string());
+    let panel: Panel = serde_json::from_str(text).map_err(damaged)?;
+    if panel.panel != "acquisition" {
+        return Err(wrong(format!("is the table of '{}'", panel.panel)));
     }
+    // read again: only the reader of the text knows the line of a point
+    serde_json::from_str::<Complete>(text).map_err(damaged)?;
+    Ok(panel)
 }
 
 fn fits(point: &Point, options: &Request) -> bool {
@@ -194,6 +233,28 @@ mod tests {
             panic!("nothing is that good or that quick")
         };
         assert!(quickest.is_none() && best.is_none());
+    }
+
+    #[test]
+    fn points_without_a_setting_are_refused_by_line() {
+        let whole = serde_json::to_value(parsed("kept", KEPT).unwrap()).unwrap();
+        for setting in SETTINGS {
+            let mut table = whole.clone();
+            table["points"].as_array_mut().unwrap().truncate(3);
+            let also = table["points"][1]["also"].as_object_mut().unwrap();
+            also.remove(setting);
+            let text = serde_json::to_string_pretty(&table).unwrap();
+            let fault = parsed("a.json", &text).unwrap_err().to_string();
+            // the line with the end of what the second point has
+            let mut ends = text
+                .lines()
+                .enumerate()
+                .filter(|(_, line)| *line == "      },");
+            let line = 1 + ends.nth(1).unwrap().0;
+            assert!(fault.starts_with("a.json: "), "{fault}");
+            let says = format!("without '{setting}' at line {line} ");
+            assert!(fault.contains(&says), "{fault}");
+        }
     }
 
     #[test]
