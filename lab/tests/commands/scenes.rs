@@ -27,6 +27,30 @@ fn a_set_written_over_another_keeps_no_places_of_it() {
 }
 
 #[test]
+fn presses_that_are_wider_than_the_region_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = folder.path().join("set");
+    let small = "--count 1 --noise-v 0 --measure fineness=0.4 --measure region_half_width_mm=14.0";
+    let judge = |name: &str| {
+        let line = format!("judge --set {name} {small} --out {{}}");
+        lab(&words(&line, &[&set]))
+    };
+    for name in ["presses-30", "test-1"] {
+        let output = judge(name);
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(
+            message.contains(name) && message.contains("does not fit into the region"),
+            "{message}"
+        );
+        assert!(!set.exists());
+    }
+    let output = judge("presses-10");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{message}");
+}
+
+#[test]
 fn explain_lists_every_effect_and_marks_those_that_matter() {
     let line = printed("scene explain paper-test1 --json --frames 20");
     let reported: serde_json::Value = serde_json::from_str(&line).unwrap();

@@ -50,6 +50,31 @@ pub(super) fn draw(set: TestSetName, k: usize, mesh: &Mesh, random: &mut ChaCha8
     }
 }
 
+/// Refuses discs that reach beyond the region of a mesh, whose maps would show a part of them, or nothing.
+///
+/// # Errors
+/// The first of them, and the extent of the region.
+pub(super) fn check_discs(set: TestSetName, drawn: &[Pressed], mesh: &Mesh) -> Result<(), Failure> {
+    let [low, high] = bounds(mesh);
+    let beyond = |&(centre, diameter): &([f64; 2], f64)| {
+        // rounding makes no press too wide
+        let reach = 0.5 * diameter * (1.0 - 1e-9);
+        (0..2).any(|axis| centre[axis] - reach < low[axis] || centre[axis] + reach > high[axis])
+    };
+    let mut discs = drawn.iter().filter_map(|pressed| pressed.disc);
+    discs.find(beyond).map_or(Ok(()), |([x, y], diameter)| {
+        Err(Failure::usage(format!(
+            "the set {} has a press of {diameter} mm at ({x:.1}, {y:.1}) mm, which does not fit into the region: the middles of its \
+             triangles lie from {:.1} to {:.1} mm in x, from {:.1} to {:.1} mm in y; take a larger sheet or region (--measure), or a set of smaller presses",
+            set.name(),
+            low[0],
+            high[0],
+            low[1],
+            high[1]
+        )))
+    })
+}
+
 /// Relative change of every triangle of a mesh's region by covered shares; overlaps multiply.
 ///
 /// # Errors

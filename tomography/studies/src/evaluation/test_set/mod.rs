@@ -25,7 +25,7 @@ use crate::build;
 use crate::failure::{Failure, write};
 use crate::progress;
 pub use loads::true_map;
-use loads::{Pressed, draw};
+use loads::{Pressed, check_discs, draw};
 pub(crate) use loads::{bounds, polygons, press};
 
 /// File with the description of a test set.
@@ -283,9 +283,10 @@ impl Prepared {
         }
         let mut random = ChaCha8Rng::seed_from_u64(options.seed);
         random.set_stream(options.set as u64 + 1);
-        let drawn = (0..count)
+        let drawn: Vec<Pressed> = (0..count)
             .map(|k| draw(options.set, k, &case.mesh, &mut random))
             .collect();
+        check_discs(options.set, &drawn, &case.mesh)?;
         Ok(Self {
             case,
             phantom,
