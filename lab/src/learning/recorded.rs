@@ -190,10 +190,13 @@ fn check_count(presses: usize, readings: usize, confirmed: bool) -> Result<(), F
     )))
 }
 
-/// Relative loss under each press: its own, or that of the largest pressure in proportion to its pressure, or the same for all.
+/// Relative loss under each press: its own, or that of the largest pressure in proportion to its pressure, or the same for all. A press
+/// of which neither is known, beside others of which it is, has no loss that could be derived.
 fn strengths(presses: &Presses, largest: f64) -> Result<Vec<f64>, Failure> {
     let pressure = |press: &Press| press.mass.map(|mass| mass / press.diameter.powi(2));
     let most = presses.all.iter().filter_map(pressure).fold(0.0, f64::max);
+    let known = |press: &Press| press.loss.is_some() || press.mass.is_some();
+    let some_known = presses.all.iter().any(known);
     presses
         .all
         .iter()
@@ -201,6 +204,10 @@ fn strengths(presses: &Presses, largest: f64) -> Result<Vec<f64>, Failure> {
             (Some(loss), _) => Ok(loss),
             (None, Some(pressure)) if pressure > 0.0 => Ok(largest * pressure / most),
             (None, Some(_)) => Err(presses.wrong(press, "mass_kg is 0: a press needs a mass")),
+            (None, None) if some_known => Err(presses.wrong(
+                press,
+                "neither mass_kg nor loss is given, and other presses have one: give it here too",
+            )),
             (None, None) => Ok(largest),
         })
         .collect()

@@ -32,7 +32,8 @@ pub(crate) struct Presses {
 const COLUMNS: &str = "frame, x_m, y_m, diameter_m (or x_mm, y_mm, diameter_mm), mass_kg and loss";
 
 impl Presses {
-    /// Reads a table. Lengths are in m or mm, as the names of their columns say; `mass_kg` and `loss` may be missing.
+    /// Reads a table. Lengths are in m or mm, as the names of their columns say; `mass_kg` and `loss` may be missing,
+    /// or blank where they are not known.
     ///
     /// # Errors
     /// File, line, column and value of the first fault.
@@ -79,7 +80,8 @@ impl Presses {
                 let above_zero = Bounds::Between(0.0, 1e9);
                 let [x, y, diameter] = lengths;
                 let optional = |column: Option<usize>, bounds| {
-                    column.map(|column| within(column, bounds)).transpose()
+                    let known = column.filter(|column| fields.get(*column) != Some(&""));
+                    known.map(|column| within(column, bounds)).transpose()
                 };
                 Ok(Press {
                     line: index + 1,

@@ -109,6 +109,24 @@ fn a_map_learnt_from_recorded_presses_finds_others() {
     }
 }
 
+#[test]
+fn presses_without_a_known_mass_make_a_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let [judged, set] = ["judged", "set"].map(|name| folder.path().join(name));
+    done(&words(
+        "judge --set presses-10 --count 3 --measure fineness=0.4 --out {}",
+        &[&judged],
+    ));
+    let table = std::fs::read_to_string(judged.join("presses.csv")).unwrap();
+    assert!(
+        table.lines().skip(1).all(|line| line.ends_with(",0.5,")),
+        "{table}"
+    );
+    let line = "dataset --yes --recorded {} --case {} --out {}";
+    let made = printed(line, &[&judged, &judged, &set]);
+    assert!(made.contains("3 presses"), "{made}");
+}
+
 /// A folder of recorded presses on a tank of 8 electrodes (40 readings), all frames alike.
 fn recording(folder: &Path, presses: &str) {
     std::fs::create_dir_all(folder).unwrap();
@@ -185,6 +203,15 @@ fn recorded_presses_that_cannot_be_used_are_named() {
         (
             "frame,x_m,y_m,diameter_m,mass_kg\n2,0.02,0.03,0.01,0\n".to_owned(),
             vec!["presses.csv:2", "mass_kg is 0"],
+        ),
+        (
+            // blank is not known
+            "frame,x_m,y_m,diameter_m,mass_kg\n2,0.02,0.03,0.01,1\n3,-0.04,0.01,0.01,\n".to_owned(),
+            vec!["presses.csv:3", "neither mass_kg nor loss"],
+        ),
+        (
+            "frame,x_m,y_m,diameter_m,mass_kg\n2,0.02,0.03,0.01\n".to_owned(),
+            vec!["presses.csv:2", "mass_kg is ''"],
         ),
     ] {
         let recorded = at("recorded");

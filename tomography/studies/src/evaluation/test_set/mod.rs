@@ -328,7 +328,8 @@ impl Frames {
                     y * 1e-3,
                     diameter * 1e-3,
                     pressed.loads[0].loss,
-                    pressed.mass.unwrap_or(f64::NAN)
+                    // blank is not known
+                    pressed.mass.map_or(String::new(), |mass| mass.to_string())
                 ));
             }
         }
