@@ -364,7 +364,10 @@ fn slips_of_a_training_are_refused_before_work_begins() {
             "--noise-v 0.002",
             "2 mV of noise in one reading is more than 1 mV",
         ),
-        ("--noise-v 2e-6 --noise-v 0.002", "--yes trains for it nevertheless"),
+        (
+            "--noise-v 2e-6 --noise-v 0.002",
+            "--yes trains for it nevertheless",
+        ),
         ("--cases 1e11", "10000000"),
         ("--cases 100000000000", "10000000"),
     ] {

@@ -212,7 +212,10 @@ fn what_is_no_scene_is_refused_where_it_is_wrong() {
         wrong.display()
     );
     assert!(message.contains(&place), "{message}");
-    assert!(message.contains("1 of 2 scenes cannot be loaded"), "{message}");
+    assert!(
+        message.contains("1 of 2 scenes cannot be loaded"),
+        "{message}"
+    );
     for (name, hint) in [
         ("bedside-nigth", "did you mean 'bedside-night'?"),
         ("nowhere", "`tactus-lab scene list` lists"),
