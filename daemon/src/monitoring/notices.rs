@@ -44,8 +44,8 @@ pub(crate) struct Notices(BTreeMap<String, Notice>);
 
 #[derive(Debug, Default)]
 struct Notice {
-    /// Whether the alarm notified at the last look.
-    notifies: bool,
+    /// Whether the alarm was active, and not set aside, at the last check.
+    active: bool,
     /// Whether its beginning was notified, so that its end will be.
     reported: bool,
     /// When a beginning was last notified.
@@ -55,7 +55,8 @@ struct Notice {
 }
 
 impl Notices {
-    /// The notifications that are due. The beginning of an alarm is notified at most once in `again`; a shelved alarm is not.
+    /// The notifications that are due. The beginning of an alarm is notified at most once in `again`. Of an alarm that is shelved or
+    /// out of service nothing is notified: its end, or that it is still active, is notified when it is no longer set aside.
     pub(crate) fn due(&mut self, now: Instant, alarms: &Alarms, again: Duration) -> Vec<Message> {
         let mut messages = Vec::new();
         for alarm in alarms.iter() {
@@ -64,18 +65,27 @@ impl Notices {
                 continue;
             }
             let notice = self.0.entry(name.clone()).or_default();
-            messages.extend(notice.step(name, now, alarm.notifies(), &alarm.state.cause, again));
+            if alarm.is_put_aside() {
+                notice.set_aside();
+                continue;
+            }
+            messages.extend(notice.step(name, now, alarm.state.active, &alarm.state.cause, again));
         }
         messages
     }
 }
 
 impl Notice {
+    /// A person has set the alarm aside, which does not end it: `reported` stays.
+    fn set_aside(&mut self) {
+        self.active = false;
+    }
+
     fn step(
         &mut self,
         name: &str,
         now: Instant,
-        notifies: bool,
+        active: bool,
         cause: &str,
         again: Duration,
     ) -> Option<Message> {
@@ -84,13 +94,15 @@ impl Notice {
             phase,
             text,
         };
-        let notified = std::mem::replace(&mut self.notifies, notifies);
-        if !notifies {
+        let was_active = std::mem::replace(&mut self.active, active);
+        if !active {
             let reported = std::mem::take(&mut self.reported);
             return reported.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
         }
-        if !notified {
+        if !was_active {
             self.unreported += 1;
+            // also of an alarm that is still active when it is no longer set aside
+            self.reported = false;
         }
         let may = self
             .last
@@ -111,19 +123,21 @@ impl Notice {
 
 #[cfg(test)]
 mod tests {
+    use alarms::{Judgement, Order, Rule, Severity};
+
     use crate::monitoring::notices::*;
 
     const AGAIN: Duration = Duration::from_secs(3600);
 
-    /// Simulates one check a second of an alarm that `notifies` or not; returns the notifications that are sent.
+    /// Simulates one check a second of an alarm that is `active` or not; returns the notifications that are sent.
     fn play(
         notice: &mut Notice,
         begin: Instant,
         seconds: u64,
-        notifies: bool,
+        active: bool,
     ) -> Vec<(Phase, String)> {
         let looks = (0..seconds).map(|second| begin + Duration::from_secs(second));
-        let sent = looks.filter_map(|now| notice.step("disk-days", now, notifies, "3 days", AGAIN));
+        let sent = looks.filter_map(|now| notice.step("disk-days", now, active, "3 days", AGAIN));
         sent.map(|message| (message.phase, message.text)).collect()
     }
 
@@ -154,5 +168,64 @@ mod tests {
         assert_eq!(begun.len(), 5, "{begun:#?}");
         assert_eq!(begun[0].1, "3 days");
         assert_eq!(begun[1].1, "3 days (and 14 times before this)");
+    }
+
+    const NAME: &str = "heel";
+
+    /// An alarm that begins and ends without delay.
+    fn alarms() -> Alarms {
+        let mut alarms = Alarms::default();
+        alarms.set_rules(vec![Rule {
+            name: NAME.to_owned(),
+            severity: Severity::Major,
+            on_s: 0.0,
+            off_s: 0.0,
+            latched: false,
+        }]);
+        alarms
+    }
+
+    /// The phases of the notifications of one check after a judgement at this second.
+    fn check(
+        notices: &mut Notices,
+        alarms: &mut Alarms,
+        begin: Instant,
+        second: u32,
+        judgement: Judgement,
+    ) -> Vec<Phase> {
+        alarms.judge(NAME, f64::from(second), judgement);
+        let now = begin + Duration::from_secs(second.into());
+        let due = notices.due(now, alarms, Duration::from_secs(60));
+        due.into_iter().map(|message| message.phase).collect()
+    }
+
+    fn order(alarms: &mut Alarms, second: u32, order: &Order) {
+        let ordered = alarms.order(NAME, second.into(), order, "user 7", "");
+        ordered.unwrap();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn no_alarm_is_notified_as_over_because_it_is_shelved() {
+        let beyond = || Judgement::Beyond("9 kPa".to_owned());
+        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
+        let mut at = |alarms: &mut Alarms, second, judgement| {
+            check(&mut notices, alarms, begin, second, judgement)
+        };
+        assert_eq!(at(&mut alarms, 0, beyond()), [Phase::Begun]);
+        order(&mut alarms, 1, &Order::Shelve(100.0));
+        assert_eq!(at(&mut alarms, 2, beyond()), []);
+        // people are reminded when it is no longer shelved
+        assert_eq!(at(&mut alarms, 101, beyond()), [Phase::Begun]);
+        order(&mut alarms, 102, &Order::OutOfService);
+        assert_eq!(at(&mut alarms, 103, beyond()), []);
+        // its end is notified when it is in service again
+        assert_eq!(at(&mut alarms, 104, Judgement::Within), []);
+        order(&mut alarms, 105, &Order::InService);
+        assert_eq!(at(&mut alarms, 106, Judgement::Within), [Phase::Ended]);
+        assert_eq!(at(&mut alarms, 200, beyond()), [Phase::Begun]);
+        // a shelf without a time ends with the alarm
+        order(&mut alarms, 201, &Order::ShelveOnce);
+        assert_eq!(at(&mut alarms, 202, beyond()), []);
+        assert_eq!(at(&mut alarms, 203, Judgement::Within), [Phase::Ended]);
     }
 }
