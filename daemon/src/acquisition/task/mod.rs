@@ -1,6 +1,9 @@
 //! The acquisition task of one session: waits for the schedule, takes a frame, and sends it to the recorder. Clients
 //! cannot delay it.
 
+#[cfg(test)]
+mod tests;
+
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,7 +22,7 @@ use crate::acquisition::schedule::{Next, Schedule};
 use crate::events::event::{BusEvent, Event};
 use crate::events::event_log::EventLog;
 use crate::instruments::assembly::AnyRig;
-use crate::instruments::rig_plan::RigPlan;
+use crate::instruments::rig_plan::{InstrumentAddresses, RigPlan};
 use crate::monitoring::heartbeat::{Heartbeats, IdleOnDrop, Part};
 use crate::recording::recorder_message::RecorderMessage;
 use crate::recording::session_status::SessionStatus;
@@ -221,6 +224,8 @@ impl Acquisition {
             self.progress.taken += 1;
             self.progress.last = Some(due);
             self.status.count_acquired();
+            // the recorder may wait for space, and has its own heartbeat
+            self.heartbeats.set_idle(Part::Acquisition);
             let handed_over = match self
                 .recorder
                 .try_send(RecorderMessage::Frame(Box::new(frame)))
@@ -245,15 +250,14 @@ impl Acquisition {
 
     /// The longest time that a frame may take; beyond it, something hangs that no I/O timeout has ended.
     fn longest(&self, source: &FrameSource) -> Duration {
-        let planned = match source {
+        match source {
             FrameSource::Rig { plan, .. } => {
                 let now = self.measuring.now();
                 let plan = now.as_ref().unwrap_or(plan);
-                plan.plan.duration(&plan.timing)
+                longest_frame(plan.plan.duration(&plan.timing), &plan.instruments)
             }
-            FrameSource::Recording(_) => Duration::ZERO,
-        };
-        planned.saturating_mul(4).saturating_add(HEARTBEAT_MARGIN)
+            FrameSource::Recording(_) => HEARTBEAT_MARGIN,
+        }
     }
 
     /// Reports events about ranges and offsets, and the changed plan.
@@ -268,6 +272,8 @@ impl Acquisition {
     }
 
     async fn record(&self, event: Event) {
+        // a full queue, as at a full disk, is no hang of acquisition: the record has its own heartbeat
+        self.heartbeats.set_idle(Part::Acquisition);
         // a recorder that has ended is noticed at the next frame
         let _ = self.recorder.send(RecorderMessage::Event(event)).await;
     }
@@ -275,8 +281,6 @@ impl Acquisition {
     /// Waits for the logbook to accept the frame, the only sink that may delay acquisition: between frames, with the
     /// source off, and reported. Returns whether it accepted the frame.
     async fn wait_for_the_logbook(&self, frame: RecorderMessage) -> bool {
-        // the record has its own heartbeat
-        self.heartbeats.set_idle(Part::Acquisition);
         self.report_pause(true).await;
         self.status.set_suspended(true);
         self.status
@@ -360,6 +364,21 @@ impl Acquisition {
             () = tokio::time::sleep(wait) => WaitEnd::Due,
         }
     }
+}
+
+/// The longest time that a frame of this planned duration may take: also a zero-current frame before it, and the timeouts of a
+/// reading and of switching off.
+fn longest_frame(planned: Duration, instruments: &InstrumentAddresses) -> Duration {
+    let timeouts = [
+        &instruments.source,
+        &instruments.switch,
+        &instruments.voltmeter,
+    ];
+    let timeouts = timeouts.iter().fold(Duration::ZERO, |sum, (_, timeout)| {
+        sum.saturating_add(*timeout)
+    });
+    let margin = HEARTBEAT_MARGIN.max(timeouts.saturating_mul(4));
+    planned.saturating_mul(4).saturating_add(margin)
 }
 
 async fn wait_for_grant(grants: &mut watch::Receiver<u64>, taken: u64, stop: &mut Stop) -> WaitEnd {

@@ -1,0 +1,117 @@
+//! Tests of heartbeats while the recorder takes nothing, and of the longest time of a frame.
+
+use chrono::{DateTime, Utc};
+use imaging::recorded::IndexedFrames;
+use logbook::SessionKind;
+use survey::{Amps, Protocol};
+
+use super::*;
+use crate::acquisition::playback::Playing;
+use crate::instruments::address::InstrumentAddress;
+use crate::monitoring::Counters;
+use crate::recording::session_status::Facts;
+
+const WALL: DateTime<Utc> = DateTime::UNIX_EPOCH;
+
+/// A session that plays a table of frames as fast as possible to this recorder.
+fn acquisition(folder: &std::path::Path, recorder: mpsc::Sender<RecorderMessage>) -> Acquisition {
+    let clock = SystemClock::new();
+    let facts = Facts {
+        id: "m1".to_owned(),
+        kind: SessionKind::Measurement,
+        simulated: true,
+        baseline_id: String::new(),
+        method: String::new(),
+        every: Duration::ZERO,
+    };
+    let counters = Arc::new(Counters::new(clock));
+    Acquisition {
+        status: Arc::new(SessionStatus::new(
+            facts,
+            folder.join("m1"),
+            false,
+            counters,
+        )),
+        schedule: Schedule::default(),
+        speed: None,
+        clock,
+        recorder,
+        pauses: mpsc::channel(1).0,
+        transcript: RingTranscript::new(1),
+        heartbeats: Arc::default(),
+        progress: AcquisitionProgress::default(),
+        measuring: Measuring::default(),
+        injections: None,
+        events: EventLog::new(folder.to_owned()),
+        plan: watch::Sender::new(None),
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn acquisition_that_waits_for_the_recorder_is_no_hang() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frames.csv");
+    std::fs::write(&path, "1,1,1,1\n2,2,2,2\n3,3,3,3\n").unwrap();
+    let protocol = Protocol::sheffield(4).unwrap();
+    let frames = IndexedFrames::table(&path, &protocol, Amps(1.0), false).unwrap();
+    let playing = Playing {
+        frames_per_s: None,
+        speed: 0.0,
+    };
+    let mut source = FrameSource::Recording(Box::new(Recording::new(frames, playing)));
+    // the second frame waits, as at a full disk
+    let (recorder, mut queue) = mpsc::channel(1);
+    let mut acquisition = acquisition(folder.path(), recorder);
+    let heartbeats = Arc::clone(&acquisition.heartbeats);
+    let status = Arc::clone(&acquisition.status);
+    let mut run = std::pin::pin!(acquisition.run(&mut source));
+    let waits = tokio::time::timeout(Duration::from_secs(1), &mut run).await;
+    assert!(waits.is_err());
+    assert_eq!(status.acquired(), 2);
+    let in_a_day = Duration::from_secs(86_400);
+    assert_eq!(heartbeats.overdue(in_a_day), None);
+
+    // the frames that wait are not lost
+    let recorded = async {
+        for _ in 0..3 {
+            queue.recv().await.unwrap();
+        }
+    };
+    let (ended, ()) = tokio::join!(run, recorded);
+    assert!(matches!(ended, AcquisitionEnd::Done(_)));
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_event_that_waits_for_the_recorder_is_no_hang() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recorder, _queue) = mpsc::channel(1);
+    let event = Event::new(WALL, EventKind::Zero, "before", None);
+    recorder.try_send(RecorderMessage::Event(event)).unwrap();
+    let acquisition = acquisition(folder.path(), recorder);
+    acquisition.set_deadline(HEARTBEAT_MARGIN);
+    let note = acquisition.note(EventKind::FramesMissed, "2 frames".to_owned());
+    let mut note = std::pin::pin!(note);
+    let waits = tokio::time::timeout(Duration::from_secs(1), &mut note).await;
+    assert!(waits.is_err());
+    let in_a_day = Duration::from_secs(86_400);
+    assert_eq!(acquisition.heartbeats.overdue(in_a_day), None);
+}
+
+#[test]
+fn a_frame_may_take_as_long_as_its_timeouts() {
+    let instruments = |timeout| {
+        let place = (InstrumentAddress::Simulated, timeout);
+        InstrumentAddresses {
+            source: place.clone(),
+            switch: place.clone(),
+            voltmeter: place,
+            enable: config::EnableName::Low,
+        }
+    };
+    let seconds = Duration::from_secs;
+    let usual = longest_frame(seconds(15), &instruments(seconds(5)));
+    assert_eq!(usual, seconds(4 * 15 + 120));
+    // the longest timeout that the configuration allows
+    let long = longest_frame(seconds(15), &instruments(seconds(600)));
+    assert_eq!(long, seconds(4 * 15 + 4 * 3 * 600));
+}
