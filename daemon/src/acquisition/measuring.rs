@@ -64,30 +64,14 @@ impl Measuring {
             self.events.push((EventKind::Zero, reported(&zero)));
             self.zero = Some((zero, 0));
         }
-        let mut frame = rig.acquire(plan, meter, clock, stop, injections).await?;
-        if let Some(rule) = requested.ranges.clone() {
-            let overloaded: Vec<usize> = frame
-                .readings
-                .iter()
-                .enumerate()
-                .filter(|(_, reading)| **reading == Reading::Overload)
-                .map(|(index, _)| index)
-                .collect();
-            let widened = match overloaded.is_empty() {
-                true => Vec::new(),
-                false => Arc::make_mut(requested).plan.widen(&rule, &overloaded),
-            };
-            if let Some(most) = widened.iter().map(|(_, range)| range.0).reduce(f64::max) {
-                let text = format!(
-                    "{} of {} overloaded readings have the next larger range from the next frame on (up to {})",
-                    widened.len(),
-                    overloaded.len(),
-                    survey::Volts(most)
-                );
-                tracing::warn!("{text}");
-                self.events.push((EventKind::Ranges, text));
-            }
-        }
+        let frame = rig.acquire(plan, meter, clock, stop, injections).await?;
+        Ok(self.corrected(frame))
+    }
+
+    /// The frame without the offsets of the last zero-current frame; readings over range are measured with wider ranges from the
+    /// next frame on, after a new zero-current frame: an offset is that of its range.
+    fn corrected(&mut self, mut frame: Frame) -> Frame {
+        let widened = self.widen(&frame);
         if let Some((zero, served)) = &mut self.zero {
             *served += 1;
             if let Err(error) = frame.subtract(zero) {
@@ -95,7 +79,41 @@ impl Measuring {
                 tracing::error!("{error}");
             }
         }
-        Ok(frame)
+        if widened {
+            self.zero = None;
+        }
+        frame
+    }
+
+    /// Gives readings over range the next larger range, where the rig plans ranges; returns whether any has changed.
+    fn widen(&mut self, frame: &Frame) -> bool {
+        let overloaded: Vec<usize> = frame
+            .readings
+            .iter()
+            .enumerate()
+            .filter(|(_, reading)| **reading == Reading::Overload)
+            .map(|(index, _)| index)
+            .collect();
+        let requested = self.requested.as_mut().filter(|_| !overloaded.is_empty());
+        let Some((requested, rule)) = requested.and_then(|requested| {
+            let rule = requested.ranges.clone()?;
+            Some((requested, rule))
+        }) else {
+            return false;
+        };
+        let widened = Arc::make_mut(requested).plan.widen(&rule, &overloaded);
+        let Some(most) = widened.iter().map(|(_, range)| range.0).reduce(f64::max) else {
+            return false;
+        };
+        let text = format!(
+            "{} of {} overloaded readings have the next larger range from the next frame on (up to {})",
+            widened.len(),
+            overloaded.len(),
+            survey::Volts(most)
+        );
+        tracing::warn!("{text}");
+        self.events.push((EventKind::Ranges, text));
+        true
     }
 
     /// Events since the last call.
@@ -135,4 +153,53 @@ fn reported(zero: &Frame) -> String {
         survey::Volts(rms),
         survey::Volts(most)
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use survey::Volts;
+
+    use super::*;
+    use crate::preparation::{FramesFrom, prepare};
+
+    const CONFIG: &str = "[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 16\n[survey]\n\
+                          zero_every = 100\nranges = \"planned\"\n[record]\ndirectory = \"state\"\n";
+
+    /// A frame with the same voltage at each reading.
+    fn frame(plan: &RigPlan, volts: f64) -> Frame {
+        Frame {
+            sequence: 1,
+            readings: vec![Reading::Ok(Volts(volts)); plan.plan.protocol.len()],
+            monotonic: Default::default(),
+            wall: Default::default(),
+            duration: Default::default(),
+            settings: plan.settings(),
+            extra: Vec::new(),
+            compliance: Vec::new(),
+            simulated: true,
+        }
+    }
+
+    #[test]
+    fn a_wider_range_needs_a_new_zero_current_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        std::fs::write(&path, CONFIG).unwrap();
+        let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+        let FramesFrom::Rig(plan) = &prepared.frames else {
+            panic!("it is a rig");
+        };
+        let mut measuring = Measuring::of(Some(Arc::clone(plan)), None);
+        measuring.zero = Some((frame(plan, 0.25), 0));
+        let good = measuring.corrected(frame(plan, 1.0));
+        assert_eq!(good.readings[0], Reading::Ok(Volts(0.75)));
+        assert!(measuring.zero.is_some());
+        let mut over = frame(plan, 1.0);
+        over.readings[3] = Reading::Overload;
+        let over = measuring.corrected(over);
+        assert_eq!(over.readings[0], Reading::Ok(Volts(0.75)));
+        let events = measuring.take_events();
+        assert_eq!(events.len(), 1, "{events:?}");
+        assert!(measuring.zero.is_none(), "it was measured in the old range");
+    }
 }
