@@ -21,7 +21,12 @@ pub(crate) struct Recording {
     frames: IndexedFrames,
     playing: Playing,
     position: u64,
+    /// When the last frame was due, at the recorded rate, and its recorded times.
+    last: Option<(Duration, Taken)>,
 }
+
+/// Time by the clock of the daemon that took a frame, and by the wall clock.
+type Taken = (Duration, DateTime<Utc>);
 
 impl Recording {
     /// Plays these frames from the first one on.
@@ -30,6 +35,7 @@ impl Recording {
             frames,
             playing,
             position: 0,
+            last: None,
         }
     }
 
@@ -41,6 +47,7 @@ impl Recording {
     /// Returns to the first frame, and sets the speed.
     pub(crate) fn rewind(&mut self, speed: Option<f64>) {
         self.position = 0;
+        self.last = None;
         if let Some(speed) = speed {
             self.playing.speed = speed;
         }
@@ -52,8 +59,8 @@ impl Recording {
         if self.position >= self.frames.len() {
             return Ok(None);
         }
-        let offset = match self.frames.taken_after(self.position)? {
-            Some(offset) => offset,
+        let offset = match self.frames.taken(self.position)? {
+            Some(taken) => self.offset(taken),
             None => self.playing.frames_per_s.map_or(Duration::ZERO, |rate| {
                 survey::duration(self.position as f64 / rate)
             }),
@@ -66,6 +73,19 @@ impl Recording {
         Ok(Some(due))
     }
 
+    /// When a frame with these times is due at the recorded rate. Where the session was resumed by the next daemon, whose clock
+    /// began anew, the wall clock is used.
+    fn offset(&self, (at, wall): Taken) -> Duration {
+        let Some((due, (before, wall_before))) = self.last else {
+            return Duration::ZERO;
+        };
+        let step = at.checked_sub(before).unwrap_or_else(|| {
+            let step = wall.signed_duration_since(wall_before);
+            step.to_std().unwrap_or_default()
+        });
+        due.saturating_add(step)
+    }
+
     /// The next frame with the current time; `None` at the end.
     pub(crate) fn next(
         &mut self,
@@ -76,6 +96,8 @@ impl Recording {
             return Ok(None);
         }
         let frame = self.frames.frame(self.position, wall)?;
+        let taken = (frame.monotonic, frame.wall);
+        self.last = Some((self.offset(taken), taken));
         self.position += 1;
         Ok(Some(Frame { monotonic, ..frame }))
     }
@@ -114,5 +136,36 @@ mod tests {
         recording.rewind(Some(0.0));
         recording.next(Duration::ZERO, NOW).unwrap();
         assert_eq!(recording.due().unwrap(), Some(Duration::ZERO));
+    }
+
+    #[test]
+    fn a_resumed_session_keeps_its_rate() {
+        let (folder, table) = recording(PLAIN);
+        let protocol = Protocol::sheffield(4).unwrap();
+        let header = logbook::SessionHeader::new("monday", NOW, protocol);
+        let mut writer = logbook::SessionWriter::create(folder.path(), &header).unwrap();
+        let path = writer.path().to_owned();
+        // the next daemon takes the third frame, 30 s after the second
+        for (monotonic, wall) in [(5000, 0), (5010, 10), (3, 40), (13, 50)] {
+            let wall = NOW + Duration::from_secs(wall);
+            let frame = Frame {
+                monotonic: Duration::from_secs(monotonic),
+                wall,
+                ..table.frames.frame(0, wall).unwrap()
+            };
+            writer.append(&frame, None).unwrap();
+        }
+        writer.close(NOW, "end").unwrap();
+        let (frames, _) = IndexedFrames::session(&path, false).unwrap();
+        let mut recording = Recording::new(frames, PLAIN);
+        for _ in 0..2 {
+            let mut dues = Vec::new();
+            while let Some(due) = recording.due().unwrap() {
+                dues.push(due.as_secs());
+                recording.next(Duration::ZERO, NOW).unwrap().unwrap();
+            }
+            assert_eq!(dues, [0, 5, 20, 25]);
+            recording.rewind(None);
+        }
     }
 }

@@ -19,7 +19,6 @@ enum Source {
     Session {
         parts: SessionParts,
         frames: u64,
-        first: Duration,
     },
 }
 
@@ -77,18 +76,13 @@ impl IndexedFrames {
         let first_sequence = parts.header().first_sequence;
         // counted by sequence numbers: a frame lost between two parts is reported as unreadable, as one lost within a part is
         let frames = (parts.last_sequence()? + 1).saturating_sub(first_sequence);
-        let first = match frames {
-            0 => Duration::ZERO,
-            _ => parts.frame(first_sequence)?.frame.monotonic,
-        };
+        if frames > 0 {
+            parts.frame(first_sequence)?;
+        }
         let opened = Self {
             simulated: parts.header().simulated,
             negate,
-            source: Source::Session {
-                parts,
-                frames,
-                first,
-            },
+            source: Source::Session { parts, frames },
         };
         Ok((opened, protocol))
     }
@@ -132,17 +126,18 @@ impl IndexedFrames {
         }
     }
 
-    /// Time of the original frame relative to the first one; `None` for a table without times.
+    /// Times of the original frame by the clock of the daemon that took it, which begins anew when the next daemon resumes the
+    /// session, and by the wall clock; `None` for a table without times.
     ///
     /// # Errors
     /// The frame cannot be read.
-    pub fn taken_after(&self, index: u64) -> Result<Option<Duration>, RecordedError> {
+    pub fn taken(&self, index: u64) -> Result<Option<(Duration, DateTime<Utc>)>, RecordedError> {
         match &self.source {
             Source::Table { .. } => Ok(None),
-            Source::Session { parts, first, .. } => {
+            Source::Session { parts, .. } => {
                 let sequence = parts.header().first_sequence + index;
                 let frame = parts.frame(sequence)?.frame;
-                Ok(Some(frame.monotonic.saturating_sub(*first)))
+                Ok(Some((frame.monotonic, frame.wall)))
             }
         }
     }
@@ -299,7 +294,9 @@ mod tests {
         assert_eq!(session.len(), 3);
         let last = session.frame(2, NOW).unwrap();
         assert_eq!(last.readings, [Reading::Ok(Volts(-5.0)); 4]);
-        let after = session.taken_after(2).unwrap();
-        assert_eq!(after, Some(Duration::from_secs(4)));
+        let first = session.taken(0).unwrap();
+        assert_eq!(first, Some((Duration::from_secs(10), NOW)));
+        let last = session.taken(2).unwrap();
+        assert_eq!(last, Some((Duration::from_secs(14), NOW)));
     }
 }
