@@ -89,15 +89,13 @@ pub(super) fn complete(
         || model.noise_uv.is_some()
         || model.noise_figure.is_some()
         || model.choose.is_some();
-    let kept = recording
-        .kept_config()
-        .and_then(|text| toml::from_str::<Config>(text).ok());
+    let kept = recording.kept_config().and_then(Kept::read);
     if let Some(kept) = kept {
-        config.survey.current_ua = kept.survey.current_ua;
+        config.survey.current_ua = kept.current_ua.unwrap_or(current_ua);
         if !reported {
-            config.model.lambda = kept.model.lambda;
+            config.model.lambda = kept.lambda;
             let measured = Noise::of(baseline).and_then(Noise::measured);
-            config.model.noise_uv = kept.model.noise_uv.or(measured.map(|volts| 1e6 * volts));
+            config.model.noise_uv = kept.noise_uv.or(measured.map(|volts| 1e6 * volts));
         }
         return;
     }
@@ -120,8 +118,51 @@ pub(super) fn complete(
     }
 }
 
+/// Settings of the configuration stored with a session. Its other keys are not read: those of another version may be unknown here.
+#[derive(Debug, PartialEq)]
+struct Kept {
+    current_ua: Option<f64>,
+    lambda: Option<f64>,
+    noise_uv: Option<f64>,
+}
+
+impl Kept {
+    /// `None` for a text that is not TOML.
+    fn read(text: &str) -> Option<Self> {
+        let table: toml::Table = toml::from_str(text).ok()?;
+        let number = |section: &str, key: &str| match table.get(section)?.get(key)? {
+            toml::Value::Float(number) => Some(*number),
+            toml::Value::Integer(whole) => Some(*whole as f64),
+            _ => None,
+        };
+        Some(Self {
+            current_ua: number("survey", "current_ua"),
+            lambda: number("model", "lambda"),
+            noise_uv: number("model", "noise_uv"),
+        })
+    }
+}
+
 /// Ratio of the baseline to the geometry's readings at 1 A; `None` if they do not match.
 fn gain(baseline: &Baseline, geometry: &Geometry, protocol: &Protocol) -> Option<f64> {
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).ok()?;
     noise::gain(&forward, &geometry.sigma0, protocol, &baseline.readings).ok()?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_of_a_session_of_another_version_are_used() {
+        // a section that has another name now, and a key that there is not yet
+        let text = "[care]\n[survey]\ncurrent_ua = 500\nfuture = 1\n[model]\nlambda = 1e-3\n";
+        assert!(toml::from_str::<Config>(text).is_err());
+        let kept = Kept::read(text).unwrap();
+        assert_eq!(
+            (kept.current_ua, kept.lambda, kept.noise_uv),
+            (Some(500.0), Some(1e-3), None)
+        );
+        assert_eq!(Kept::read("[survey"), None);
+    }
 }
