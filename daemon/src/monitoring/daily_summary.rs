@@ -36,9 +36,11 @@ impl DailySummary {
         }
     }
 
-    /// Whether a day is over. A day does not end twice if the clock is set back.
+    /// Whether a day is over. A day does not end twice if the clock is set back by less than a day. If it is set back by more, as
+    /// where it was wrong before, its days begin anew: otherwise there would be no summary until the day that it had before.
     pub(crate) fn is_over(&self, now: DateTime<Utc>) -> bool {
-        now.date_naive() > self.day
+        let today = now.date_naive();
+        today > self.day || self.day.signed_duration_since(today).num_days() > 1
     }
 
     /// The summary of the day that is over; the next one begins.
@@ -177,6 +179,27 @@ mod tests {
             "{}",
             lines[2]
         );
+    }
+
+    #[test]
+    fn days_begin_anew_where_the_clock_is_set_back_by_years() {
+        let wrong: DateTime<Utc> = "2036-01-01T12:00:00Z".parse().unwrap();
+        let mut daily = DailySummary::new(wrong, Counts::default());
+        // an hour back across a midnight ends no day
+        let before_midnight: DateTime<Utc> = "2035-12-31T23:30:00Z".parse().unwrap();
+        assert!(!daily.is_over(before_midnight));
+        let right: DateTime<Utc> = "2026-11-22T10:00:00Z".parse().unwrap();
+        assert!(daily.is_over(right));
+        let day_end = DayEnd {
+            counts: Counts::default(),
+            readings: None,
+            baseline: None,
+            worst_contact: None,
+        };
+        let text = daily.summary(right, &day_end);
+        assert!(text.starts_with("2036-01-01 UTC: "), "{text}");
+        assert!(!daily.is_over(right));
+        assert!(daily.is_over(right + Duration::from_secs(86_400)));
     }
 
     #[test]
