@@ -98,16 +98,45 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
 }
 
 /// The relay combinations for finding relays that should be open: none closed if a pair has one relay; if it has two,
-/// each side alone, on two electrodes far apart.
+/// each side alone, on two electrodes far apart. A wiring file may have pairs of one relay and of two: then none is closed.
 pub(super) fn partly_closed(pairs: &[(survey::Dipole, Vec<Relay>)]) -> Vec<Vec<Relay>> {
-    match pairs.first().map(|(_, relays)| relays.len()) {
-        Some(2) => {
-            let far = [0, pairs.len() / 2];
+    let two: Option<Vec<[Relay; 2]>> = pairs
+        .iter()
+        .map(|(_, relays)| relays.as_slice().try_into().ok())
+        .collect();
+    match two.as_deref() {
+        Some(pairs @ [first, ..]) => {
+            let far = [first, &pairs[pairs.len() / 2]];
             let sides = [1, 0].into_iter();
             sides
-                .flat_map(|side| far.map(|pair| vec![pairs[pair].1[side]]))
+                .flat_map(|side| far.map(|pair| vec![pair[side]]))
                 .collect()
         }
         _ => vec![Vec::new()],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use survey::Dipole;
+
+    use super::*;
+
+    #[test]
+    fn pairs_of_one_relay_and_of_two_are_tested_without_a_panic() {
+        let pairs = |counts: [u32; 4]| -> Vec<(Dipole, Vec<Relay>)> {
+            let each = counts.into_iter().zip([0_u32, 1, 2, 3]);
+            each.map(|(count, k)| {
+                let relays = (0..count).map(|side| Relay(100 * (side + 1) + k));
+                (Dipole::adjacent(k as usize, 4), relays.collect())
+            })
+            .collect()
+        };
+        let each = [200, 202, 100, 102].map(|relay| vec![Relay(relay)]);
+        assert_eq!(partly_closed(&pairs([2; 4])), each);
+        for uneven in [[2, 2, 1, 2], [1; 4], [2, 1, 2, 2]] {
+            assert_eq!(partly_closed(&pairs(uneven)), [Vec::<Relay>::new()]);
+        }
+        assert_eq!(partly_closed(&[]), [Vec::<Relay>::new()]);
     }
 }
