@@ -64,6 +64,10 @@ pub(crate) fn judgements(
         }
         match kind {
             _ if lingering.iter().any(|problem| problem.kind == kind) => Judgement::Deadband,
+            // this does not end it
+            "disk-days" if health.space.free.is_none() => {
+                Judgement::Suppressed("the free space of the record cannot be read".to_owned())
+            }
             "disk-days" if health.session.is_some() && health.space.per_day.is_none() => {
                 Judgement::Suppressed("the growth of the record is not known yet".to_owned())
             }

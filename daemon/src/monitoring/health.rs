@@ -296,6 +296,23 @@ mod tests {
         alarms.iter().map(|alarm| alarm.kind).collect()
     }
 
+    #[test]
+    fn a_disk_that_cannot_be_read_ends_no_alarm() {
+        let mut health = well();
+        let judgement = |health: &Health| {
+            let judged = crate::monitoring::built_in::judgements(health, &NotifySection::default());
+            judged.into_iter().find(|(kind, _)| *kind == "disk-days")
+        };
+        let within = Some(("disk-days", alarms::Judgement::Within));
+        assert_eq!(judgement(&health), within);
+        health.space.free = None;
+        for running in [true, false] {
+            let text = format!("{:?}", judgement(&health));
+            assert!(text.contains("Suppressed"), "{running}: {text}");
+            health.session = None;
+        }
+    }
+
     /// Tests both sides of each limit.
     #[test]
     fn every_trouble_is_found_and_no_other() {
