@@ -38,7 +38,7 @@ impl Prepared {
             config.record.warn_below_mb.max(config.record.reserve_mb),
         ));
         let frame_s = match &self.frames {
-            FramesFrom::Rig(rig) => Some(rig.plan.duration(&rig.timing).as_secs_f64()),
+            FramesFrom::Rig(rig) => Some(rig.mean_duration().as_secs_f64()),
             FramesFrom::Recording { .. } => None,
         };
         if let (Some(every_s), Some(frame_s)) = (config.schedule.every_s, frame_s)
@@ -137,5 +137,28 @@ mod tests {
         std::fs::write(folder.path().join("a"), "").unwrap();
         let text = no_folder(&not_yet).unwrap();
         assert!(text.contains("is not a folder"), "{text}");
+    }
+
+    #[test]
+    fn a_period_too_short_for_zero_current_frames_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        let prepared = |every_s: f64| {
+            let text = format!(
+                "[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 16\n[survey]\nzero_every = 1\n\
+                 [record]\ndirectory = \"state\"\nwarn_below_mb = 0\nreserve_mb = 0\n[schedule]\nevery_s = {every_s:?}\n"
+            );
+            std::fs::write(&path, text).unwrap();
+            crate::preparation::prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"))
+        };
+        let FramesFrom::Rig(rig) = prepared(1000.0).frames else {
+            panic!("it is a rig");
+        };
+        // each frame has a zero-current frame before it, of the same duration
+        let frame_s = rig.plan.duration(&rig.timing).as_secs_f64();
+        let short = prepared(1.5 * frame_s).machine_warnings().join("\n");
+        assert!(short.contains("schedule.every_s"), "{short}");
+        let enough = prepared(2.1 * frame_s).machine_warnings().join("\n");
+        assert!(!enough.contains("schedule.every_s"), "{enough}");
     }
 }
