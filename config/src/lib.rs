@@ -120,7 +120,7 @@ pub enum EnableName {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InstrumentSection {
-    /// `tcp:HOST:PORT`, `serial:PATH`, `gpio:PATH`, `vxi-11:HOST`, or empty.
+    /// `tcp:HOST:PORT`, `serial:PATH`, `serial:PATH@BAUD`, `gpiochip:PATH`, `gpiochip:PATH@OFFSET` or `simulated`.
     pub address: String,
     /// Timeout of a reply, ms.
     pub deadline_ms: Option<f64>,
