@@ -224,7 +224,10 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
         let pruned = match pruned {
             Ok(pruned) => pruned,
             Err(error) => {
-                failed = Some(Failure::failed("not all selected sessions could be removed", &error));
+                failed = Some(Failure::failed(
+                    "not all selected sessions could be removed",
+                    &error,
+                ));
                 break;
             }
         };
@@ -267,8 +270,9 @@ pub(crate) fn mark(session: &logbook::SessionReader, last: u64, export: &Export)
 
 /// Parses a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (of two), or a bare number.
 pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
-    parse_size::parse_size(text)
-        .map_err(|cause| format!("'{text}' is not a size ({cause}); write for example 20GB or 1GiB"))
+    parse_size::parse_size(text).map_err(|cause| {
+        format!("'{text}' is not a size ({cause}); write for example 20GB or 1GiB")
+    })
 }
 
 #[cfg(test)]

@@ -184,7 +184,8 @@ impl Golden {
                 "@" => {
                     let seconds = rest.trim().parse().ok();
                     let at = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-                    let at = at.ok_or_else(|| wrong(format!("'{rest}' is not a time in seconds")))?;
+                    let at =
+                        at.ok_or_else(|| wrong(format!("'{rest}' is not a time in seconds")))?;
                     Some(Step::At(at))
                 }
                 _ if !lines.is_empty() => {

@@ -35,7 +35,6 @@ impl RecordedFrame {
         let counted = || period_s.map(|period_s| period_s * self.sequence as f64);
         self.wall.map(seconds).or_else(counted)
     }
-
 }
 
 /// Origin of a recording, which also determines its mesh.
