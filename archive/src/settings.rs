@@ -248,8 +248,8 @@ mod tests {
         let text =
             read("[archive]\nsite = \"Berlin/1\"\ndaq = \"..\"\nevery_s = 60.0\n").unwrap_err();
         for words in [
-            "config.toml:2:8: archive.site: 'Berlin/1' is no name",
-            "config.toml:3:7: archive.daq: '..' is no name",
+            "config.toml:2:8: archive.site: 'Berlin/1' is not a name",
+            "config.toml:3:7: archive.daq: '..' is not a name",
             "archive.store: is missing",
             "archive.dsn: is missing",
         ] {
@@ -293,7 +293,7 @@ mod tests {
             ),
             (
                 "host = \"localhost\"\nhome_assistant = \"a/#\"\n",
-                "config.toml:7:18: mqtt.home_assistant: is no topic",
+                "config.toml:7:18: mqtt.home_assistant: is not a topic",
             ),
             (
                 "host = \"localhost\"\nport = 65536\n",

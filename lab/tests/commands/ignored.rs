@@ -91,7 +91,10 @@ fn cases_are_refused_where_nothing_is_trained() {
     let line = "forward --case {} --sigma homog --out {}";
     done(&words(line, &[&case, &volts]));
     for (method, says) in [
-        ("--method one-step --cases 100", "with --method one-step"),
+        (
+            "--method one-step --cases 100",
+            "not apply to --method one-step",
+        ),
         (
             "--cases 100",
             "--cases 100 belongs to the methods that are trained",

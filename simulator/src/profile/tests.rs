@@ -66,14 +66,14 @@ fn what_is_wrong_is_named_with_its_place() {
             "p.toml:2:12: slot_hold_s is 0 to 3600",
         ),
         ("time = ", "p.toml:1:"),
-        ("load = \"mesh\"", "p.toml:1:8: 'mesh' is no load"),
+        ("load = \"mesh\"", "p.toml:1:8: 'mesh' is not a load"),
         (
             "[source]\nslot_hold_s = -1",
             "p.toml:2:1: slot_hold_s is 0 to 3600",
         ),
         (
             "[[fault]]\nat_s = 1\nwhat = \"wire 6221\"",
-            "p.toml:3:8: 'wire 6221' is no fault: it is written wire INSTRUMENT",
+            "p.toml:3:8: 'wire 6221' is not a fault: it is written wire INSTRUMENT",
         ),
         (
             "[[fault]]\nat_s = -1\nwhat = \"none\"",

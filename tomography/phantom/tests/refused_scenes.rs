@@ -173,23 +173,23 @@ fn two_that_contradict_are_both_named() {
     for (text, wanted) in [
         (
             "[effects.gauge-law]\n[effects.exponential-law]\n",
-            "2:1: effects.exponential-law contradicts effects.gauge-law: both say what a strain",
+            "2:1: effects.exponential-law contradicts effects.gauge-law: both define the effect of a strain",
         ),
         (
             "[effects.log-law]\n[effects.gauge-law]\n",
-            "1:1: effects.log-law contradicts effects.gauge-law: both say what a load",
+            "1:1: effects.log-law contradicts effects.gauge-law: both define the effect of a load",
         ),
         (
             "[effects.exponential-law]\n[effects.log-law]\n",
-            "2:1: effects.log-law contradicts effects.exponential-law: both say what a load",
+            "2:1: effects.log-law contradicts effects.exponential-law: both define the effect of a load",
         ),
         (
             "[effects.foam]\n[effects.log-law]\n",
-            "2:1: effects.log-law contradicts effects.foam: the film takes the pressure itself",
+            "2:1: effects.log-law contradicts effects.foam: the film uses the pressure itself",
         ),
         (
             "[pressure]\nhalf_kpa = 20\n[effects.gauge-law]\n",
-            "2:12: pressure.half_kpa contradicts effects.gauge-law: both say what a load",
+            "2:12: pressure.half_kpa contradicts effects.gauge-law: both define the effect of a load",
         ),
     ] {
         says(text, &format!("s.toml:{wanted}"));
@@ -245,7 +245,7 @@ fn a_repeat_has_sound_numbers_and_waits_for_the_end() {
     for (text, wanted) in [
         (
             load("repeat = { every_s = 10, times = 3 }"),
-            "7:10: a load that comes again needs to_s",
+            "7:10: a repeated load needs to_s",
         ),
         (
             load("to_s = 10\nrepeat = { every_s = 10, times = 3 }"),
