@@ -67,6 +67,7 @@ pub use crate::directory::{
     Listing, Unreadable, baselines, find, interrupted, latest_baseline, list,
 };
 pub use crate::error::{DiskFault, LogbookError};
+pub use crate::files::parts;
 pub use crate::maintenance::leftovers::{TidyReport, fold_closed, tidy};
 pub use crate::maintenance::prune::{
     ExportMarker, KeptSession, Pruned, Removed, Retention, exported, folder_bytes, mark_exported,
@@ -76,7 +77,7 @@ pub use crate::maintenance::receipts::{
     ArchiveReceipt, archived, mark_archived, receipt, sha256_of,
 };
 pub use crate::maintenance::repair::{CUT, LostFrames, Repaired, repair};
-pub use crate::maintenance::verify::{Finding, Gap, Verified, parts, verify};
+pub use crate::maintenance::verify::{Finding, Gap, Verified, verify};
 pub use crate::writer::size::{Volume, volume};
 pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,

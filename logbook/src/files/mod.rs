@@ -61,3 +61,22 @@ pub(crate) fn companion(path: &Path, end: &str) -> PathBuf {
     name.push(end);
     name.into()
 }
+
+/// The existing files of the session that a file is a part of, in order.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
+    let path = path.as_ref();
+    // not id_of: names that are not UTF-8 would all be parts of one session
+    let name = |path: &Path| -> String {
+        let stem = path.file_stem().unwrap_or_default();
+        stem.to_string_lossy().into_owned()
+    };
+    let own = name(path);
+    let session = part_of(&own).0;
+    let mut parts = in_folder(outfile::folder_of(path))?;
+    parts.retain(|other| part_of(&name(other)).0 == session);
+    parts.sort_by_key(|other| part_of(&name(other)).1);
+    Ok(parts)
+}

@@ -1,11 +1,11 @@
 //! Verifies a session: checksums, sequence, references, baseline, the chain of parts, and an event for every gap.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use chrono::{DateTime, TimeDelta, Utc};
 use serde::Serialize;
 
-use crate::files::{self, id_of, part_of};
+use crate::files::{id_of, part_of, parts};
 use crate::maintenance::prune::pruned_parts;
 use crate::writer::CONTINUED_IN;
 use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
@@ -58,25 +58,6 @@ pub struct Verified {
     pub gaps: Vec<Gap>,
     /// What is wrong; empty where nothing is.
     pub findings: Vec<Finding>,
-}
-
-/// The existing files of the session that a file is a part of, in order.
-///
-/// # Errors
-/// The folder cannot be read.
-pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
-    let path = path.as_ref();
-    // not id_of: names that are not UTF-8 would all be parts of one session
-    let name = |path: &Path| -> String {
-        let stem = path.file_stem().unwrap_or_default();
-        stem.to_string_lossy().into_owned()
-    };
-    let own = name(path);
-    let session = part_of(&own).0;
-    let mut parts = files::in_folder(folder_of(path))?;
-    parts.retain(|other| part_of(&name(other)).0 == session);
-    parts.sort_by_key(|other| part_of(&name(other)).1);
-    Ok(parts)
 }
 
 /// Reads all parts of a session, whichever part is given. `progress` is called with the number of frames read.
