@@ -283,9 +283,9 @@ fn rms(data: &DVector<f64>) -> f64 {
     (data.norm_squared() / data.len() as f64).sqrt()
 }
 
-/// q at the corner of the L-curve (P. C. Hansen, SIAM Review 34 (1992) 561): the point of largest curvature of log |J x
-/// - d| against log sqrt(x'Rx). `beside`: squared norm of the part of the data that no map changes. `None` if the curve
-/// has no corner.
+/// q at the corner of the L-curve (P. C. Hansen, SIAM Review 34 (1992) 561): the point of largest curvature of
+/// log |J x - d| against log sqrt(x'Rx). `beside`: squared norm of the part of the data that no map changes. `None` if
+/// the curve has no corner.
 fn corner_ratio(evidence: &Evidence, squares: &DVector<f64>, beside: f64) -> Option<f64> {
     let candidates: Vec<f64> = evidence.ratios().collect();
     let curve: Vec<[f64; 2]> = candidates
