@@ -36,7 +36,7 @@ fn new_lines_of_quantities_do_not_read_a_part_again() {
     open().set_modified(recorded).unwrap();
     assert_eq!(uploader.confirm(&part, &sha256, 2), Ok(true));
     assert_eq!(lines(), 2);
-    let changed = DateTime::<Utc>::from(recorded) + chrono::TimeDelta::days(1);
+    let changed = DateTime::<Utc>::from(recorded) + std::time::Duration::from_secs(86_400);
     open().set_modified(changed.into()).unwrap();
     assert!(uploader.confirm(&part, &sha256, 3).is_err());
     assert_eq!(lines(), 2);
