@@ -419,11 +419,11 @@ impl Uploader {
 
 /// The first part of each session that is there.
 fn first_parts(closed: &[Closed]) -> BTreeMap<&str, &str> {
+    let number = |id: &str| logbook::part_of(id).1;
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for Closed { id, session, .. } in closed {
         let known = first.entry(session).or_insert(id);
-        // `m1` is before `m1_p2`, and that before `m1_p10`
-        if (id.len(), id.as_str()) < (known.len(), *known) {
+        if number(id) < number(known) {
             *known = id;
         }
     }

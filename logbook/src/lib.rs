@@ -67,7 +67,7 @@ pub use crate::directory::{
     Listing, Unreadable, baselines, find, interrupted, latest_baseline, list,
 };
 pub use crate::error::{DiskFault, LogbookError};
-pub use crate::files::parts;
+pub use crate::files::{part_of, parts};
 pub use crate::maintenance::leftovers::{TidyReport, fold_closed, tidy};
 pub use crate::maintenance::prune::{
     ExportMarker, KeptSession, Pruned, Removed, Retention, exported, folder_bytes, mark_exported,

@@ -19,7 +19,7 @@ pub(crate) fn path_of(dir: &Path, id: &str) -> PathBuf {
 }
 
 /// The session that a part belongs to, and its number: 1 for the first, which is named like the session.
-pub(crate) fn part_of(id: &str) -> (&str, u32) {
+pub fn part_of(id: &str) -> (&str, u32) {
     id.rsplit_once("_p")
         .and_then(|(session, number)| {
             let number = number.parse().ok().filter(|number| *number > 1)?;
