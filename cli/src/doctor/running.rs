@@ -124,7 +124,7 @@ fn daemon(address: &str, health: &dbus::Health) -> Finding {
     };
     Finding::warn(
         "daemon",
-        format!("answers at {address}: {why}"),
+        format!("replies at {address}: {why}"),
         "`tactus status`",
     )
 }

@@ -237,6 +237,16 @@ mod tests {
     use dbus::stream::Decoder;
     use std::io::{Read, Write};
 
+    const FRAMES: Wanted = Wanted {
+        frames: true,
+        maps: false,
+        pressure: false,
+        quality: false,
+        injections: false,
+        deviations: false,
+        ring: 4,
+    };
+
     fn frame(sequence: u64) -> Record {
         Record {
             sequence,
@@ -253,15 +263,7 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn slow_reader_loses_the_oldest_and_gets_their_count() {
         let readers = Readers::default();
-        let wanted = Wanted {
-            frames: true,
-            maps: false,
-            pressure: false,
-            quality: false,
-            injections: false,
-            deviations: false,
-            ring: 4,
-        };
+        let wanted = FRAMES;
         let fd = readers.add(wanted, ()).unwrap();
         const SENT: u64 = 500;
         for sequence in 1..=SENT {
@@ -301,13 +303,12 @@ mod tests {
     async fn reader_that_leaves_is_noticed_half_closed_one_is_served() {
         let readers = Readers::default();
         let wanted = Wanted {
-            frames: true,
             maps: true,
             pressure: true,
             quality: true,
             injections: true,
             deviations: true,
-            ring: 4,
+            ..FRAMES
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();
         let fd = readers.add(wanted, place).unwrap();
@@ -341,13 +342,8 @@ mod tests {
     async fn reader_that_comes_after_the_end_gets_it() {
         let readers = Readers::default();
         let wanted = Wanted {
-            frames: true,
             maps: true,
-            pressure: false,
-            quality: false,
-            injections: false,
-            deviations: false,
-            ring: 4,
+            ..FRAMES
         };
         let end = Record {
             body: Body::End {
@@ -371,15 +367,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_reader_that_does_not_read_is_let_go_after_the_end() {
         let readers = Readers::default();
-        let wanted = Wanted {
-            frames: true,
-            maps: false,
-            pressure: false,
-            quality: false,
-            injections: false,
-            deviations: false,
-            ring: 4,
-        };
+        let wanted = FRAMES;
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();
         let fd = readers.add(wanted, place).unwrap();
         // more than the socket holds: a write is in progress when the end comes
