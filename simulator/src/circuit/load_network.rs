@@ -180,7 +180,7 @@ mod tests {
             ),
             (
                 "resistor 0 2 5",
-                "terminals are counted from 1; '0' is none",
+                "terminals are counted from 1; '0' is not a terminal",
             ),
             ("mesh", "it is written sheet, nothing,"),
         ] {

@@ -163,8 +163,8 @@ async fn unknown_sessions_and_places_are_refused() {
     let opened = Arc::clone(&shelf.opened);
     let served = served_from(None, Arc::new(shelf)).await;
     for (path, wanted, words) in [
-        ("m4", "404", "no session m4"),
-        ("..%2F..%2Fetc%2Fpasswd", "404", "no session"),
+        ("m4", "404", "no recorded session m4"),
+        ("..%2F..%2Fetc%2Fpasswd", "404", "no recorded session"),
         (
             "m1/maps/best/frame/1",
             "400",
