@@ -1,9 +1,9 @@
 //! The state of alarms, without clock, disk or bus: judgements and orders with their times go in, transitions come out.
 //!
-//! The properties of an alarm are independent of each other, as in OPC UA Part 9 (after ISA-18.2 and IEC 62682): active,
-//! acknowledged, latched, shelved, suppressed, out of service. Severities are those of EPICS: minor, major, and invalid for
-//! an alarm that cannot be judged. Invalid is no all-clear: it never ends an active alarm, and an alarm that was not judged
-//! is never reported as [`Level::Ok`].
+//! The properties of an alarm are independent of each other, as in OPC UA Part 9 (after ISA-18.2 and IEC 62682):
+//! active, acknowledged, latched, shelved, suppressed, out of service. Severities are those of EPICS: minor, major, and
+//! invalid for an alarm that cannot be judged. Invalid does not mean that all is well: it never ends an active alarm,
+//! and an alarm that was not judged is never reported as [`Level::Ok`].
 //!
 //! Times are seconds of any clock that does not run backwards for long; they are stored with the state, so that it survives
 //! a restart.
@@ -18,7 +18,7 @@
 //! assert!(alarms.judge("heel", 0.0, beyond()).is_empty());
 //! let begun = alarms.judge("heel", 60.0, beyond());
 //! assert_eq!(begun[0].kind, TransitionKind::Active);
-//! // nothing is known any more: the alarm stays
+//! // no frame arrives, so that the condition cannot be judged: the alarm stays active
 //! alarms.judge("heel", 70.0, Judgement::Unknown("no frame".into()));
 //! assert_eq!(alarms.get("heel").unwrap().level(), Some(Level::Major));
 //! alarms.order("heel", 80.0, &Order::Acknowledge, "user 1000", "turned")?;
@@ -38,7 +38,7 @@ use serde::{Deserialize, Serialize};
 pub use order::{LONGEST_SHELF_S, Order, Refused};
 pub use state::{AlarmState, Note, Shelf};
 
-/// How bad it is when an alarm is active.
+/// Severity of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
@@ -56,7 +56,7 @@ impl Severity {
     }
 }
 
-/// What an alarm says at present.
+/// The present level of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Level {
@@ -66,7 +66,7 @@ pub enum Level {
     Minor,
     /// Active, of major severity.
     Major,
-    /// Not active as far as it is known, and it cannot be judged.
+    /// Not known to be active, and cannot be judged.
     Invalid,
 }
 
@@ -107,22 +107,22 @@ pub struct Rule {
     pub latched: bool,
 }
 
-/// What one look at the condition gave.
+/// The result of one evaluation of an alarm's condition.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Judgement {
     /// The condition holds; the text names value and limit.
     Beyond(String),
-    /// The value is within the deadband: neither begins nor ends an alarm.
+    /// The value is within the deadband, where an alarm neither begins nor ends.
     Deadband,
     /// The condition does not hold.
     Within,
-    /// It cannot be judged, because of this.
+    /// The condition cannot be judged; the text is the reason.
     Unknown(String),
-    /// It is not to be judged at present, because of this: no measurement runs, for instance.
+    /// The condition is not to be judged at present; the text is the reason, for instance that no measurement runs.
     Suppressed(String),
 }
 
-/// What changed.
+/// Kind of a transition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TransitionKind {
     /// The alarm has become active.
@@ -155,25 +155,25 @@ pub struct Transition {
 pub struct Alarm {
     /// Its rule.
     pub rule: Rule,
-    /// Whether the rule is gone from the configuration: the alarm is kept until it is acknowledged.
+    /// Whether the rule was removed from the configuration; the alarm is then kept until it is acknowledged.
     pub removed: bool,
     /// Its state.
     pub state: AlarmState,
 }
 
 impl Alarm {
-    /// What it says at present; `None` while it is not to be judged (suppressed, or out of service).
+    /// Its present level; `None` if it is not active and is not to be judged (suppressed, or out of service).
     pub fn level(&self) -> Option<Level> {
         self.state.level(self.rule.severity)
     }
 
-    /// Whether it is active and nobody has put it aside: not shelved, and in service. Whether people are notified of an alarm of this
-    /// name at all, its user decides.
+    /// Whether it is active, not shelved and in service. The caller decides whether an alarm of this name notifies
+    /// anybody at all.
     pub fn notifies(&self) -> bool {
         self.state.active && !self.is_put_aside()
     }
 
-    /// Whether it cannot be judged and nobody has put it aside.
+    /// Whether it cannot be judged, is not shelved and is in service.
     pub fn cannot_judge(&self) -> bool {
         self.state.invalid.is_some() && !self.is_put_aside()
     }
@@ -190,8 +190,8 @@ impl Alarm {
 pub struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
-    /// Takes these rules instead of the present ones. The state of a rule with the same name is kept; an alarm without a rule
-    /// stays until it is acknowledged.
+    /// Replaces all rules. The state of a rule with the same name is kept; an alarm without a rule stays until it is
+    /// acknowledged.
     pub fn set_rules(&mut self, rules: Vec<Rule>) {
         for alarm in self.0.values_mut() {
             alarm.removed = true;
@@ -221,8 +221,8 @@ impl Alarms {
             .retain(|_, alarm| !alarm.removed || !alarm.state.acknowledged);
     }
 
-    /// Continues with a state that was stored: what happened since is not known, so that no time until now counts towards
-    /// the end of an alarm.
+    /// Continues with a stored state after a restart. The conditions were not followed meanwhile, so that no time
+    /// before now counts towards the end of an alarm.
     pub fn restarted(&mut self) {
         for alarm in self.0.values_mut() {
             alarm
@@ -231,7 +231,8 @@ impl Alarms {
         }
     }
 
-    /// Takes one judgement of the condition of an alarm at a time, s. An unknown name changes nothing.
+    /// Applies a judgement, made at `at_s` (s), to the alarm `name`; returns its transitions. An unknown name changes
+    /// nothing.
     pub fn judge(&mut self, name: &str, at_s: f64, judgement: Judgement) -> Vec<Transition> {
         let Some(alarm) = self.0.get_mut(name).filter(|alarm| !alarm.removed) else {
             return Vec::new();

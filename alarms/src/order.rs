@@ -1,27 +1,28 @@
-//! Orders of persons.
+//! Orders that persons give about alarms.
 
 use crate::Rule;
 use crate::state::{AlarmState, Note, Shelf};
 
-/// Longest time on a shelf, s: an alarm that is not wanted for longer is taken out of service, which every status shows.
+/// Longest time for which an alarm can be shelved, s. For longer it must be taken out of service, which every status
+/// shows.
 pub const LONGEST_SHELF_S: f64 = 86_400.0;
 
-/// What a person wants of an alarm.
+/// An order of a person about an alarm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Order {
-    /// Somebody has seen it.
+    /// A person has seen the alarm.
     Acknowledge,
-    /// It notifies nobody for this time, s; at most [`LONGEST_SHELF_S`].
+    /// The alarm notifies nobody for this time, s; at most [`LONGEST_SHELF_S`].
     Shelve(f64),
-    /// It notifies nobody until it ends.
+    /// The alarm notifies nobody until it ends.
     ShelveOnce,
-    /// It notifies again.
+    /// The alarm is not shelved any more, and notifies again.
     Unshelve,
     /// Ends a latched alarm whose condition is gone.
     Reset,
-    /// It notifies nobody until it is in service again.
+    /// The alarm notifies nobody until it is in service again.
     OutOfService,
-    /// It is in service again.
+    /// The alarm is in service again.
     InService,
 }
 
@@ -39,19 +40,19 @@ pub enum Refused {
     /// It is acknowledged already.
     #[error("alarm '{0}' has nothing to acknowledge")]
     Acknowledged(String),
-    /// The time is none, or too long.
+    /// The time is not above 0, or is too long.
     #[error(
         "an alarm can be shelved for {:.0} h at most, and more than 0 s; take it out of service for longer",
         LONGEST_SHELF_S / 3600.0
     )]
     ShelfTime,
-    /// It is not active, so that nothing would end its shelf.
+    /// It is not active: it has no end until which it could be shelved.
     #[error("alarm '{0}' is not active: shelve it for a time")]
     NotActive(String),
     /// It is not shelved.
     #[error("alarm '{0}' is not shelved")]
     NotShelved(String),
-    /// Only a latched alarm is reset.
+    /// There is nothing to reset: the alarm is not active, or is not latched.
     #[error(
         "alarm '{0}' has nothing to reset: it is not active, or ends by itself when its condition is gone"
     )]

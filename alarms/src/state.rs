@@ -4,13 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Judgement, Level, Rule, Severity, Transition, TransitionKind};
 
-/// Corrections of the clock that do not end a shelf, s.
+/// Largest correction of the clock that does not end a shelving, s.
 const CLOCK_TOLERANCE_S: f64 = 60.0;
 
 /// What a person did, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Note {
-    /// Who.
+    /// The person.
     pub by: String,
     /// Free text, may be empty.
     pub comment: String,
@@ -19,7 +19,7 @@ pub struct Note {
 }
 
 impl Note {
-    /// `by user 1000: comment`.
+    /// The note as `by user 1000: comment`, without the colon if there is no comment.
     pub fn text(&self) -> String {
         match self.comment.as_str() {
             "" => format!("by {}", self.by),
@@ -28,7 +28,7 @@ impl Note {
     }
 }
 
-/// A person does not want to be called by the alarm for a while; it is judged and recorded meanwhile.
+/// The shelving of an alarm: it notifies nobody, but is still judged and recorded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Shelf {
     /// Until when, s; `None` until the alarm ends.
@@ -40,7 +40,8 @@ pub struct Shelf {
 /// The properties of one alarm, independent of each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmState {
-    /// Whether the condition held long enough, and has not been gone long enough since or is held by a latch.
+    /// Whether the alarm is active: its condition held for `on_s`, and since then has not been gone for `off_s`, or a
+    /// latch holds the alarm.
     pub active: bool,
     /// Whether the condition of the active alarm is gone, and only a reset ends the alarm.
     pub held: bool,
@@ -50,7 +51,7 @@ pub struct AlarmState {
     pub acknowledgement: Option<Note>,
     /// When it last became active or ended, s.
     pub changed_s: Option<f64>,
-    /// Value and limit when it was last beyond: the present ones while it is active. Empty before the first activation.
+    /// Value and limit at the last judgement that was beyond the limit. Empty before the first activation.
     pub cause: String,
     /// Why it cannot be judged; `None` while it is judged, or is not to be judged.
     pub invalid: Option<String>,
@@ -126,7 +127,8 @@ impl AlarmState {
                 }
                 self.invalid = Some(why.clone());
                 (self.suppressed, self.judged_s) = (None, None);
-                // what is not known counts towards no end, and does not delay a beginning
+                // unknown data do not count towards the end of an active alarm, and do not delay the begin of an
+                // inactive one
                 if self.active {
                     self.pending_s = None;
                 }
@@ -170,7 +172,7 @@ impl AlarmState {
                     }
                 }
             }
-            // within its deadband an alarm neither begins nor ends
+            // in the deadband, within the limit, or held by the latch: nothing is pending
             _ => self.pending_s = None,
         }
     }
@@ -181,7 +183,7 @@ impl AlarmState {
         cause.clone_into(&mut self.cause);
     }
 
-    /// Ends the alarm; an acknowledgement stays due.
+    /// Ends the alarm. If it is not acknowledged, it still has to be.
     pub(crate) fn end(&mut self, at_s: f64) {
         (self.active, self.held) = (false, false);
         (self.pending_s, self.changed_s) = (None, Some(at_s));
@@ -199,8 +201,8 @@ impl AlarmState {
         self.acknowledgement = Some(note);
     }
 
-    /// Takes the alarm from its shelf when that time is over, or when the clock is set back to before it was shelved:
-    /// otherwise it would stay there for as long again as the clock was set back.
+    /// Unshelves the alarm when the time of the shelving is over, or when the clock was set back to before the
+    /// shelving. Otherwise the shelving would last longer by the time that the clock was set back.
     pub(crate) fn expire(&mut self, rule: &Rule, at_s: f64, transitions: &mut Vec<Transition>) {
         let Some(shelf) = &self.shelf else {
             return;
@@ -218,7 +220,7 @@ impl AlarmState {
         });
     }
 
-    /// The condition was not followed for an unknown time.
+    /// Records that the condition was not followed for an unknown time.
     pub(crate) fn forget_condition(&mut self, why: &str) {
         (self.judged_s, self.fresh) = (None, true);
         if self.active {
@@ -230,7 +232,8 @@ impl AlarmState {
     }
 }
 
-/// Whether something has lasted for a time, s; its begin is noted at the first call. A clock that was set back begins anew.
+/// Whether something has lasted for `time_s` at the time `at_s`; the first call stores its begin. If the clock was set
+/// back, the time begins again.
 fn lasts(since: &mut Option<f64>, at_s: f64, time_s: f64) -> bool {
     let began = *since.get_or_insert(at_s);
     if at_s < began {

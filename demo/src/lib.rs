@@ -1,6 +1,6 @@
 //! A temporary rig for the demo and the system tests: real programs, each a process of its own, from one binary.
 //!
-//! `cargo run -p` and `cargo test --workspace` build no other package's binary. Therefore one binary can be each of the
+//! `cargo run -p` and `cargo test --workspace` build no other package's binary. Therefore one binary contains all the
 //! programs ([`act_as`]); a [`Stage`] starts it as `tactusd` and calls it as `tactus`. Frames are reached only through
 //! these two programs.
 //!

@@ -2,8 +2,8 @@
 //!
 //! Runs the real `tactusd` and `tactus`, each in a process of its own, connected by the peer socket: records a
 //! baseline, presses the 16 positions of the paper's Test #1 one after another, reads every frame as SCPI text, records
-//! it, and reconstructs it by the one-step method and by the two shipped RBF networks. This binary is each of the
-//! programs: it starts itself again.
+//! it, and reconstructs it by the one-step method and by the two shipped RBF networks. This binary contains all the
+//! programs and starts itself as each of them.
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};

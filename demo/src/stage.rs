@@ -29,7 +29,7 @@ pub enum StageError {
         #[source]
         cause: io::Error,
     },
-    /// The daemon exited or did not report before it was ready.
+    /// The daemon exited, or did not report within the timeout that it is ready.
     #[error("tactusd was not ready within {deadline:?}; it said:\n{stderr}")]
     NotReady {
         /// The timeout.

@@ -1,8 +1,8 @@
-//! The section EXAMPLES of every command's help and manual page, from one text of command lines for each program; and how the
-//! programs read a command line.
+//! The section EXAMPLES of every command's help and manual page, from one text of command lines for each program; and
+//! the parsing of a program's command line.
 //!
-//! A line of the text is `program command words # what it does`. It belongs to the command that its words lead to; a command
-//! that has only subcommands shows the examples of those.
+//! A line of the text is `program command words # what it does`. It belongs to the command that its words name; a
+//! command that has only subcommands shows their examples.
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -17,7 +17,7 @@ pub const HEADING: &str = "EXAMPLES:";
 /// Number of examples of subcommands that a command without examples of its own shows.
 const FROM_BELOW: usize = 5;
 
-/// The command with a section of examples in the help of it and of every command below it.
+/// Adds a section of examples to the help of a command and of all commands below it.
 ///
 /// ```
 /// use clap::Command;
@@ -33,7 +33,7 @@ pub fn with_examples(program: Command, text: &str) -> Command {
     add(program, &path, &lines)
 }
 
-/// The arguments of a command line, whose first word is the program's name, and what they were read from.
+/// Parses a command line whose first word is the program's name; returns clap's matches and the arguments.
 ///
 /// # Errors
 /// The program's exit code, for a refused command line and for `--help` and `--version`, which are printed. With `json` a
@@ -53,13 +53,13 @@ pub fn parsed<A: FromArgMatches>(
         if json && refusal.use_stderr() {
             return report(refusal.render().to_string());
         }
-        // a closed terminal is ignored
+        // a terminal that is closed meanwhile is not an error
         let _ = refusal.print();
         ExitCode::from(if refusal.use_stderr() { 2 } else { 0 })
     })
 }
 
-/// The words of a command line, the line, and what it does.
+/// The words of a command line, the whole line, and what it does.
 type Example<'a> = (Vec<&'a str>, &'a str, &'a str);
 
 fn lines(text: &str) -> Vec<Example<'_>> {

@@ -36,10 +36,10 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpListener;
 use tokio::task::AbortHandle;
 
-/// Bytes of a request with all its headers.
+/// Most bytes of a request with all its headers.
 const LONGEST: usize = 8192;
-/// Concurrent clients. One more closes the oldest connection: a normal client is done in a moment, so slow clients are
-/// closed first, and the page is served however many there are.
+/// Most concurrent clients. A further one closes the oldest connection: a normal client is done in a moment, so that
+/// slow clients are closed first and the page stays available.
 const CLIENTS: usize = 8;
 /// Timeout of a connection.
 const DEADLINE: Duration = Duration::from_secs(5);

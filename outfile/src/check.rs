@@ -9,8 +9,8 @@ use rustix::fs::OFlags;
 
 use crate::{Existing, OutFileError};
 
-/// The first bytes of every SQLite database, and so of every session. A running session may have no more than this in
-/// its main file.
+/// The first bytes of every SQLite database, and so of every session. The main file of a running session may contain
+/// nothing more yet.
 const DATABASE: &[u8; 16] = b"SQLite format 3\0";
 /// Endings of a session's files: its own, and those of SQLite's companion files.
 const SESSION_ENDINGS: [&str; 4] = [".tactus", ".tactus-wal", ".tactus-shm", ".tactus-journal"];
@@ -67,7 +67,7 @@ pub fn check_folder(path: &Path, existing: Existing) -> Result<(), OutFileError>
     }
 }
 
-/// Whether the path is a device, a FIFO or a standard stream: no companion file can be written beside it.
+/// Whether the path is a device, a FIFO or a standard stream: no companion file can be written next to it.
 pub fn is_stream(path: &Path) -> bool {
     matches!(target(path, Existing::Refuse), Ok(Target::Stream(_)))
 }
@@ -116,7 +116,7 @@ pub(crate) fn target(path: &Path, existing: Existing) -> Result<Target, OutFileE
     Ok(Target::Replaced)
 }
 
-/// Opens a device or FIFO; refuses anything else that has taken its name since.
+/// Opens a device or FIFO; refuses any other kind of file that has its name by now.
 pub(crate) fn open_stream(path: &Path) -> Result<File, OutFileError> {
     let flags = OFlags::NOCTTY | OFlags::CLOEXEC;
     let file = OpenOptions::new()
@@ -132,7 +132,7 @@ pub(crate) fn open_stream(path: &Path) -> Result<File, OutFileError> {
     }
 }
 
-/// The folder that a file lies in: `.` for a name without one.
+/// The folder of a path; `.` for a name without a folder.
 pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
@@ -141,8 +141,8 @@ pub fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// `/dev/stdout` and similar names, which denote an open file: replacing them, or the file that the shell has opened,
-/// would lose other output.
+/// Recognises `/dev/stdout` and similar names of an open standard stream. Replacing the name, or the file to which the
+/// shell has redirected the stream, would lose other output.
 fn standard_stream(path: &Path) -> Option<Stream> {
     let mut place = path.to_owned();
     for _ in 0..8 {

@@ -1,4 +1,4 @@
-//! A new folder of files that appears whole.
+//! A new folder of files that appears under its name complete, or not at all.
 
 use std::fs::{File, Permissions};
 use std::io::Write;
@@ -10,7 +10,8 @@ use tempfile::TempDir;
 use crate::check::folder_of;
 use crate::{Existing, OutFileError, check_folder};
 
-/// A folder that is being filled: under a temporary name beside its own, until it is complete. Dropped, it leaves nothing.
+/// A folder that is being filled under a temporary name next to its own. If it is dropped before [`NewFolder::finish`],
+/// nothing remains.
 #[derive(Debug)]
 pub struct NewFolder {
     path: PathBuf,
@@ -20,7 +21,7 @@ pub struct NewFolder {
 
 impl NewFolder {
     /// # Errors
-    /// The folder is not empty or is a file; the folder that it is to be in does not exist or cannot be written to.
+    /// The folder is not empty or is a file; its parent folder does not exist or cannot be written to.
     pub fn create(path: &Path) -> Result<Self, OutFileError> {
         check_folder(path, Existing::Refuse)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -52,7 +53,7 @@ impl NewFolder {
         Ok(())
     }
 
-    /// Gives the folder its name; an empty folder that exists keeps its identity and gets the files.
+    /// Gives the folder its name. If an empty folder of this name exists, the files are moved into it.
     ///
     /// # Errors
     /// A disk error, or the folder is not empty any more.

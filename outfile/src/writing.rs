@@ -11,7 +11,7 @@ use tempfile::NamedTempFile;
 use crate::check::{Stream, Target, check_folder, folder_of, open_stream, target};
 use crate::{Existing, OutFileError};
 
-/// A file being written. Dropped before [`OutFile::finish`] it leaves nothing behind; a device or FIFO keeps what was
+/// A file being written. If it is dropped before [`OutFile::finish`], no file remains; a device or FIFO keeps what was
 /// written.
 #[derive(Debug)]
 pub struct OutFile {
@@ -56,7 +56,7 @@ impl OutFile {
     /// Replaces bytes that were written, for formats whose first bytes depend on what follows (a number of records).
     ///
     /// # Errors
-    /// A disk error; a device or FIFO, whose bytes are gone.
+    /// A disk error, or a device or FIFO, whose bytes cannot be replaced.
     pub fn put_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), OutFileError> {
         let replaced = match &mut self.sink {
             Sink::Temporary(writer) => writer
@@ -133,8 +133,8 @@ pub fn write(path: &Path, existing: Existing, bytes: &[u8]) -> Result<(), OutFil
     Ok(())
 }
 
-/// Removes a file of an earlier output that the present one does not have, and leaves one that is not there; refuses what
-/// [`write()`] would refuse.
+/// Removes a file that an earlier output left and the present one does not have; a missing file is not an error.
+/// Refuses what [`write()`] would refuse.
 ///
 /// # Errors
 /// See [`OutFileError`].
@@ -179,7 +179,7 @@ fn open(path: &Path, stream: Stream) -> Result<File, OutFileError> {
     own.map(File::from).map_err(OutFileError::io(path))
 }
 
-/// In the same folder, so that it can be renamed; with permissions by the umask.
+/// Creates a temporary file in the folder of `path`, so that it can be renamed, with permissions set by the umask.
 fn temporary(path: &Path) -> std::io::Result<NamedTempFile> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let prefix: String = std::iter::once('.').chain(name.chars().take(60)).collect();

@@ -28,7 +28,7 @@ fn a_new_file_appears_whole_or_not_at_all() {
     outfile::write(&path, Existing::Refuse, b"1,2\n").unwrap();
     assert_eq!(names(folder.path()), ["frames.csv"]);
     assert_eq!(std::fs::read(&path).unwrap(), b"1,2\n");
-    // permissions of a new file of any other program: set by the umask
+    // the expected permissions are those that the umask gives to a new file of any other program
     let plain = folder.path().join("plain");
     std::fs::write(&plain, b"").unwrap();
     let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
