@@ -1,4 +1,4 @@
-//! Settings of the archive: where closed parts of sessions go.
+//! Settings of the archive, to which closed parts of sessions are copied.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub struct ArchiveSection {
     /// The site, a name in the catalogue.
     pub site: String,
-    /// This machine within its site; its host name if not given.
+    /// Name of this machine within its site; its host name if not given.
     pub daq: Option<String>,
     /// Folder of the store, or `s3://BUCKET`.
     pub store: String,
@@ -18,19 +18,19 @@ pub struct ArchiveSection {
     pub store_endpoint: Option<String>,
     /// Region of the bucket.
     pub store_region: Option<String>,
-    /// A file with the name of the key and the key of the bucket, a line each.
+    /// A file with two lines: the name of the bucket's key, and the key.
     pub store_keys_file: Option<PathBuf>,
-    /// Certificates (PEM) that the certificate of the bucket's server must be issued by.
+    /// Certificates (PEM) of the authorities that may issue the certificate of the bucket's server.
     pub store_ca: Option<PathBuf>,
-    /// PostgreSQL of the catalogue, as URL or `key=value` words, without a password.
+    /// PostgreSQL server of the catalogue, as URL or `key=value` words, without a password.
     pub dsn: String,
-    /// Certificates (PEM) that the server's certificate must be issued by.
+    /// Certificates (PEM) of the authorities that may issue the certificate of the PostgreSQL server.
     pub ca: Option<PathBuf>,
-    /// A file with the password.
+    /// A file with the password of the PostgreSQL user.
     pub password_file: Option<PathBuf>,
     /// Period of `tactus-archive run`, s.
     pub every_s: f64,
-    /// Largest size of the cache of sessions that were fetched for reading.
+    /// Largest size of the cache of sessions that were fetched for reading, MB.
     pub cache_mb: u64,
 }
 

@@ -1,8 +1,8 @@
-//! The schema of `config.toml`: every key with its type, default and range, all of them optional. Problems are reported with
-//! file, line and column.
+//! The schema of `config.toml`: every key with its type, default and range. All keys are optional. Problems are
+//! reported with file, line and column.
 //!
-//! Only parses: the daemon's preparation compares the values with what instruments, files and sheets allow. Defaults
-//! are those of the paper's sheet on a simulated rig.
+//! This crate only parses: the daemon's preparation compares the values with what instruments, files and sheets allow.
+//! Defaults are those of the paper's sheet on a simulated rig.
 //!
 //! ```
 //! use config::problems::Source;
@@ -124,7 +124,7 @@ pub struct InstrumentSection {
     pub address: String,
     /// Timeout of a reply, ms.
     pub deadline_ms: Option<f64>,
-    /// For a board on a gpiochip.
+    /// The enabling level of a multiplexer board on a gpiochip.
     pub enable: Option<EnableName>,
 }
 
@@ -138,7 +138,7 @@ pub struct RecordingSection {
     pub case: Option<PathBuf>,
     /// A file of frames in the case folder.
     pub frames: Option<PathBuf>,
-    /// A file, or `first:N`.
+    /// The frames of the baseline: a file, or `first:N`.
     pub baseline: Option<String>,
     /// Whether the sign of all voltages is inverted, for recordings of magnitudes.
     pub negate: bool,
@@ -155,7 +155,7 @@ pub enum WiringKind {
     #[default]
     #[serde(rename = "pairs-34924a")]
     Pairs34924a,
-    /// The same numbers on a 34922A: quieter and slower.
+    /// The same channel numbers on a 34922A: quieter and slower.
     #[serde(rename = "pairs-34922a")]
     Pairs34922a,
     /// Measuring pairs on a 34925A, injecting pairs on bank 2 of a 34924A in `inject_slot`: the fastest scan.
@@ -187,7 +187,7 @@ pub struct WiringSection {
     pub inject_slot: Option<u32>,
     /// A file with the wiring, relay by relay.
     pub file: Option<PathBuf>,
-    /// Electrodes.
+    /// Number of electrodes.
     pub electrodes: Option<usize>,
 }
 
@@ -207,7 +207,7 @@ impl Default for WiringSection {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SurveySection {
-    /// Electrodes; by default those of the sheet.
+    /// Number of electrodes; by default that of the sheet.
     pub electrodes: Option<usize>,
     /// Injected current, uA.
     pub current_ua: f64,
@@ -217,19 +217,19 @@ pub struct SurveySection {
     pub settle_ms: f64,
     /// Range of the voltmeter, V.
     pub range_v: f64,
-    /// Integration, power-line cycles.
+    /// Integration time, power-line cycles.
     pub nplc: f64,
     /// Whether every reading is followed by a zero reading.
     pub autozero: bool,
     /// Mains frequency, Hz.
     pub line_hz: f64,
-    /// Readings averaged to one.
+    /// Number of readings that are averaged to one.
     pub averages: u32,
     /// Wait before each scanned channel, ms.
     pub channel_delay_ms: f64,
     /// Whether every injection is read with both polarities.
     pub reversal: bool,
-    /// Electrodes between those of a pair.
+    /// Number of electrodes between those of a pair.
     pub skip: usize,
     /// Whether only one of two reciprocal readings is taken.
     pub half: bool,
@@ -345,7 +345,7 @@ pub struct AboutSection {
     pub foam: String,
     /// The ink, with its batch.
     pub ink: String,
-    /// Who measures.
+    /// The person who measures.
     pub operator: String,
     /// The cables.
     pub wiring: String,
@@ -386,9 +386,9 @@ pub struct ScheduleSection {
     pub start: bool,
     /// Period from start to start of frames, s; 0: back to back.
     pub every_s: Option<f64>,
-    /// Frames.
+    /// Number of frames.
     pub count: Option<u64>,
-    /// Duration, s.
+    /// Duration of the session, s.
     pub for_s: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! Settings of the live topics: where the present values go.
+//! Settings of the MQTT broker, to which the present values are published.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ pub struct MqttSection {
     pub host: String,
     /// Its port; 1883 if not given, 8883 with `ca`.
     pub port: Option<u16>,
-    /// Certificates (PEM) that the broker's certificate must be issued by.
+    /// Certificates (PEM) of the authorities that may issue the certificate of the broker.
     pub ca: Option<PathBuf>,
     /// The user at the broker.
     pub user: Option<String>,

@@ -16,7 +16,7 @@ pub struct NotifySection {
     pub baseline_days: f64,
     /// Frame periods without a frame after which the alarm `no-frame` begins, but not before `no_frame_s`.
     pub no_frame_periods: f64,
-    /// s
+    /// Shortest time without a frame after which the alarm `no-frame` begins, s.
     pub no_frame_s: f64,
     /// A program and its arguments, run for each message; empty runs none.
     pub command: Vec<String>,
@@ -27,7 +27,7 @@ pub struct NotifySection {
 }
 
 impl NotifySection {
-    /// Reset thresholds, at which an alarm that was raised by the narrower ones is cleared.
+    /// The reset thresholds: an alarm that was raised at the configured thresholds is cleared only at these.
     pub fn wider(&self) -> Self {
         Self {
             disk_days: 1.1 * self.disk_days,
@@ -44,11 +44,11 @@ impl NotifySection {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MetricsSection {
-    /// `127.0.0.1:9617`; port 0 is any that is free.
+    /// Address and port, such as `127.0.0.1:9617`; with port 0 the system chooses a free port.
     pub listen: Option<String>,
     /// Whether other machines may connect.
     pub beyond_localhost: bool,
-    /// Names by which they address this machine, if not by its address.
+    /// Host names by which other machines may address this one, in addition to its address.
     pub names: Vec<String>,
 }
 

@@ -87,8 +87,8 @@ impl Source {
         }
     }
 
-    /// The entries of `[[section]]` that [`Source::read`] finds no fault in, with their positions, and whether these are all:
-    /// they can be checked although others have faults.
+    /// The entries of `[[section]]` without a fault, each with its index, and whether these are all entries. They can
+    /// be checked although other entries have faults.
     pub fn sound<T: DeserializeOwned>(&self, section: &str) -> (Vec<(usize, T)>, bool) {
         let (mut table, faults) = DeTable::parse_recoverable(&self.text);
         let entries = match table.get_ref().get(section).map(Spanned::get_ref) {
@@ -158,7 +158,7 @@ impl Source {
         self.at(span.or(Some(0..0)), format!("{key}: {}", text.into()))
     }
 
-    /// A fault of the syntax. A key that is there twice is named, with the line of the other.
+    /// Describes a syntax error. For a duplicate key, the text names the key and the line of the other one.
     fn syntax(&self, table: &DeTable<'_>, fault: &toml::de::Error) -> String {
         let message = fault.message();
         let Some(span) = fault.span().filter(|_| message == "duplicate key") else {
@@ -193,8 +193,9 @@ fn place(text: &str, at: usize) -> (usize, usize) {
     (line, column)
 }
 
-/// Removes the entry whose key or value the problem points at. A table in an array goes whole, unless only a key of it is
-/// unknown: without one of its values, further problems would be reported that are none.
+/// Removes the entry whose key or value the problem points at. In an array of tables, only an unknown key is removed
+/// alone; for any other fault the whole table is removed, because a table without one of its values would be reported
+/// with problems that it does not have.
 fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
     let points_at = |span: Range<usize>| {
         span.start <= fault.start && fault.start < span.end.max(span.start + 1)
@@ -253,7 +254,7 @@ fn holds(value: &Spanned<DeValue<'_>>, at: usize) -> bool {
     inside || below
 }
 
-/// Keys that had another name, with the present one.
+/// Renamed keys: the former and the present name.
 const RENAMED: [(&str, &str); 1] = [("care", "relay_wear")];
 
 /// The start of the last key of this name before a position.
@@ -297,8 +298,8 @@ fn path(table: &DeTable<'_>, at: usize) -> Option<String> {
     })
 }
 
-/// Says what is wrong with the value of a key: the type and unit expected instead, the new name of a renamed key, or the
-/// key most similar to an unknown one.
+/// Describes the problem of a key: the type and unit expected instead, the new name of a renamed key, or the key most
+/// similar to an unknown one.
 fn explain(message: &str, key: Option<&str>) -> String {
     let message = message.lines().next().unwrap_or(message);
     let Some(rest) = message.strip_prefix("unknown field `") else {
@@ -345,9 +346,9 @@ const UNITS: [(&str, &str); 15] = [
     ("mb", "megabytes"),
 ];
 
-/// What is expected instead of a value, in the words of people: serde names types of Rust.
+/// Describes the expected type of a value in plain words; serde would name Rust types.
 fn wrong_type(key: &str, found: &str, expected: &str) -> String {
-    // the floating point 5e-324 has 326 digits
+    // a float such as 5e-324 has 326 digits
     let found = &*survey::printable_within(found, 100);
     let name = key.rsplit('.').next().unwrap_or(key);
     let ending = name.rsplit('_').next();

@@ -1,4 +1,4 @@
-//! Answers that the live page and playback share.
+//! HTTP responses that the live page and playback share.
 
 use std::sync::Arc;
 
@@ -8,15 +8,15 @@ use imaging::quantities::RegionShape;
 use serde::Serialize;
 use tokio::sync::Semaphore;
 
-/// An answer, or a refusal in a sentence.
+/// A response, or a refusal with a sentence.
 pub(crate) type Answer = Result<Response, (StatusCode, String)>;
 
 pub(crate) fn refused(code: StatusCode, why: impl std::fmt::Display) -> (StatusCode, String) {
     (code, format!("{why}\n"))
 }
 
-/// Works beside the server's own threads; with a bound, as one of so many. The work counts until it is done, even if its client
-/// has gone.
+/// Runs `work` on a blocking thread, not on the server's own. `bound` limits how many run at the same time; a work
+/// keeps its permit until it is done, even if its client has gone.
 pub(crate) async fn worked<T: Send + 'static>(
     bound: Option<Arc<Semaphore>>,
     work: impl FnOnce() -> T + Send + 'static,
@@ -33,7 +33,7 @@ pub(crate) async fn worked<T: Send + 'static>(
     worker.await.map_err(|_| stops())
 }
 
-/// A text of JSON.
+/// A response of JSON text.
 pub(crate) fn json(text: Arc<str>) -> Response {
     let kind = [(header::CONTENT_TYPE, "application/json")];
     (kind, text.to_string()).into_response()
@@ -51,7 +51,7 @@ pub(crate) fn geometry_json(geometry: &dbus::Geometry) -> String {
     let regions = regions.and_then(|json| serde_json::from_str::<Vec<RegionShape>>(json).ok());
     serde_json::json!({
         "name": geometry.more.name,
-        // of a daemon of an earlier version: none
+        // empty for a daemon of an earlier version
         "regions": regions.unwrap_or_default(),
         "nodes": millimetres(&geometry.nodes),
         "triangles": geometry.triangles,
@@ -62,14 +62,14 @@ pub(crate) fn geometry_json(geometry: &dbus::Geometry) -> String {
     .to_string()
 }
 
-/// Values in single precision, little-endian.
+/// Values as single-precision numbers, little-endian.
 pub(crate) fn bytes(values: &[f32]) -> Vec<u8> {
     let each = values.iter().flat_map(|value| value.to_le_bytes());
     each.collect()
 }
 
-/// Length of the JSON (u32), the JSON padded with spaces to a multiple of four, and the values in single precision; all
-/// little-endian.
+/// A response of the length of the JSON (u32), the JSON padded with spaces to a multiple of four, and the values in
+/// single precision; all little-endian.
 pub(crate) fn packed(head: &impl Serialize, values: &[f32]) -> Response {
     let mut text = serde_json::json!(head).to_string();
     while !text.len().is_multiple_of(4) {

@@ -1,5 +1,5 @@
-//! Maps of a running session that this process makes beside those of the daemon, from the readings that the daemon sends: a
-//! provisional map while a slow method works, and standard deviations on request.
+//! Maps of a running session that this process computes in addition to those of the daemon, from the readings that the
+//! daemon sends: a provisional map while a slow method works, and standard deviations on request.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -10,17 +10,18 @@ use crate::playback::Recordings;
 use crate::running::{DEVIATION, RunningModel};
 use crate::snapshot::Live;
 
-/// Least time between two maps of standard deviations, however many pages ask.
+/// Least time between two maps of standard deviations, for any number of pages.
 const DEVIATIONS: Duration = Duration::from_secs(2);
 /// Time after which a session that could not be read is tried again.
 const AGAIN: Duration = Duration::from_secs(10);
-/// Time after which nobody looks any more: an open page asks again after half of it at the latest.
+/// Time after the last request for the state at which no page counts as open: an open page requests it at least every
+/// half of this time.
 const WATCHED: Duration = Duration::from_secs(30);
 
 /// Standard deviations of a frame of a session.
 #[derive(Debug, Serialize)]
 pub(crate) struct DeviationMap {
-    /// Its id.
+    /// Id of the session.
     session: String,
     /// Number of the frame.
     sequence: u64,
@@ -30,17 +31,17 @@ pub(crate) struct DeviationMap {
 }
 
 type Opened = Result<Arc<dyn RunningModel>, String>;
-/// Session, sequence, when it was asked for, and what came of it.
+/// Session, sequence, time of the request, and its result.
 type Requested = (String, u64, Instant, Result<Arc<DeviationMap>, String>);
 
 /// Opens the running session when a map of it is needed.
 pub(crate) struct Beside {
     recordings: Arc<dyn Recordings>,
-    /// Session, when it was opened, and what came of it.
+    /// Session, time of the attempt to open it, and its result.
     opened: Mutex<Option<(String, Instant, Opened)>>,
     /// When a page last read the state.
     watched: Mutex<Option<Instant>>,
-    /// The last one that was asked for; held while one is computed.
+    /// The last request; the lock is held while a map is computed.
     deviation: Mutex<Option<Requested>>,
 }
 
@@ -58,7 +59,7 @@ impl Beside {
         }
     }
 
-    /// A page reads the state.
+    /// Records that a page reads the state.
     pub(crate) fn set_watched(&self) {
         *locked(&self.watched) = Some(Instant::now());
     }
@@ -67,7 +68,7 @@ impl Beside {
         locked(&self.watched).is_some_and(|at| at.elapsed() < WATCHED)
     }
 
-    /// The session; the first call takes as long as its method needs to get ready.
+    /// The model of a session. The first call also prepares the session's method, which can take long.
     fn model(&self, id: &str) -> Opened {
         let mut opened = locked(&self.opened);
         if let Some((of, at, found)) = opened.as_ref()
@@ -83,10 +84,10 @@ impl Beside {
         found
     }
 
-    /// Standard deviations of the last frame; again those of a frame before it where less than [`DEVIATIONS`] passed.
+    /// Standard deviations of the last frame. Within [`DEVIATIONS`] after a computation, those of that earlier frame.
     ///
     /// # Errors
-    /// A sentence: they are not known.
+    /// A sentence why they are unknown.
     pub(crate) fn deviation(&self, live: &Live) -> Result<Arc<DeviationMap>, String> {
         let mut last = locked(&self.deviation);
         let (session, sequence, readings) = {
@@ -119,7 +120,7 @@ impl Beside {
     }
 }
 
-/// Shows a provisional map of each frame whose own method is slow while a page is open, for ever.
+/// Runs for ever: while a page is open, shows a provisional map of each frame if the session's own method is slow.
 pub(crate) async fn show_provisional(beside: Arc<Beside>, live: Live) {
     let mut followed = live.subscribe();
     let mut last = None;
@@ -143,7 +144,7 @@ pub(crate) async fn show_provisional(beside: Arc<Beside>, live: Live) {
                 let model = beside.model(&id).ok().filter(|model| !model.is_fast())?;
                 model.provisional(&readings).ok()
             });
-            // without one the page waits for the session's own map
+            // if there is no provisional map, the page waits for the session's own map
             if let Ok(Some(made)) = made.await {
                 live.show_provisional(&session, sequence, made);
             }
@@ -163,7 +164,7 @@ mod tests {
     use crate::{Playback, SessionList};
     use std::sync::atomic::{AtomicU64, Ordering};
 
-    /// A session with a slow method; its maps have the first reading as their value.
+    /// A session with a slow method; the value of its maps is the first reading.
     #[derive(Default, Clone)]
     struct Slow(Arc<AtomicU64>);
 

@@ -1,5 +1,5 @@
-//! Commands of the page and of the terminal's dashboard: calls of the same names on the daemon's bus, which decides by the rights of the user who runs the
-//! program.
+//! Commands of the page and of the terminal's dashboard: calls of the same names on the daemon's bus. The daemon
+//! decides by the rights of the user who runs the program.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use dbus::{Address, Alarms1Proxy, Fault, Manager1Proxy, Options, Session1Proxy, 
 use serde::Deserialize;
 use zbus::Connection;
 
-/// Longest wait for an answer: a start reads a baseline and prepares a method.
+/// Longest wait for a reply: a start reads a baseline and prepares a method.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A command, as the page sends it: `{"call": "start", "every_s": 1.0}`.
@@ -20,7 +20,7 @@ pub(crate) enum Call {
     Stop,
     /// `Manager1.RecordBaseline`.
     Baseline { frames: Option<u64> },
-    /// `Simulation1.Press`, a disc; metres and a share.
+    /// `Simulation1.Press` with a disc: position and size in m, loss as a share.
     Press {
         x_m: f64,
         y_m: f64,
@@ -34,7 +34,7 @@ pub(crate) enum Call {
         name: String,
         comment: Option<String>,
     },
-    /// `Alarms1.Shelve`; until it ends without a time.
+    /// `Alarms1.Shelve`; without a time until the alarm ends.
     Shelve {
         name: String,
         for_s: Option<f64>,

@@ -15,7 +15,7 @@ use crate::token::Token;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HostName(String);
 
-/// A text that is no host name.
+/// A text that is not a host name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is not a host name such as lab.example.org or lab.example.org:8443")]
 pub struct HostNameError(String);
@@ -39,7 +39,7 @@ impl FromStr for HostName {
 pub(crate) struct Guard {
     hosts: Vec<String>,
     token: Token,
-    /// Whether commands pass.
+    /// Whether commands are allowed.
     control: bool,
 }
 
@@ -56,7 +56,8 @@ impl Guard {
 
     /// Why a request is refused.
     fn refusal(&self, method: &Method, path: &str, headers: &HeaderMap) -> Option<Refusal> {
-        // the one thing that a page of another site, whose name leads here, cannot choose
+        // the only header that a page of another site cannot choose if the site's name resolves to this machine (DNS
+        // rebinding)
         let mut hosts = headers.get_all(header::HOST).iter();
         let (host, second) = (
             hosts.next().and_then(|host| host.to_str().ok()),
@@ -90,7 +91,7 @@ impl Guard {
                 "a page of another site may not use this\n",
             ));
         }
-        // what a form of another site can send without asking
+        // a form of another site can send other content types without a CORS preflight
         let kind = headers.get(header::CONTENT_TYPE);
         if !reads && kind.is_none_or(|kind| kind != "application/json") {
             let text = "a command has Content-Type: application/json\n";
@@ -109,14 +110,14 @@ impl Guard {
     }
 }
 
-/// Where commands are sent.
+/// Path of commands.
 const CONTROL: &str = "/api/control";
-/// Answer of a page that only reads.
+/// Text for a command that is refused because the page only reads.
 pub(crate) const READ_ONLY: &str = "this page only reads; `tactus web --control` allows commands\n";
 
 type Refusal = (StatusCode, &'static str);
 
-/// Headers of every answer.
+/// Headers of every response.
 const HEADERS: [(&str, &str); 6] = [
     (
         "content-security-policy",

@@ -1,7 +1,7 @@
 //! The live page: an HTTP server on this machine that shows a running daemon in a browser.
 //!
-//! A process of its own, and an ordinary client of the daemon's bus: the daemon keeps no network socket for it, and the page
-//! has the rights of the user who starts it. It only reads, unless its settings allow commands.
+//! It runs in a process of its own and is an ordinary client of the daemon's bus: the daemon opens no network socket
+//! for it, and the page has the rights of the user who starts it. It only reads, unless its settings allow commands.
 //!
 //! [`Server::open`] listens, [`Server::run`] serves until it is stopped. [`follow`] keeps a [`Live`] up to date, which
 //! the terminal's dashboard reads too.
@@ -54,9 +54,9 @@ pub struct Settings {
     pub listen: Vec<SocketAddr>,
     /// Further values of the header `Host` that are accepted, for a tunnel or a reverse proxy.
     pub names: Vec<HostName>,
-    /// Needed for everything but the empty page.
+    /// The token that every request needs, except for the page's files, which contain no data.
     pub token: Token,
-    /// Whether the page may command the daemon, and where that is; `None` for a page that only reads.
+    /// Whether the page may command the daemon, and the daemon's address; `None` for a page that only reads.
     pub control: Option<Control>,
 }
 
@@ -93,7 +93,7 @@ impl Server {
                     first.get_or_insert(listener.local_addr()?);
                     listeners.push(listener);
                 }
-                // a port that the system chose may be in use at the second address
+                // a port that the system chose for the first address may be in use at the second one
                 Err(error)
                     if first.is_some()
                         && wanted.is_ipv6()
@@ -114,8 +114,8 @@ impl Server {
         self.address
     }
 
-    /// The page with its token, for the address line of a browser on this machine. The token stands after `#`: a browser does not
-    /// send that part.
+    /// The address of the page with its token, for a browser on this machine. The token is after `#`: a browser does
+    /// not send that part.
     pub fn url(&self) -> String {
         let host = match self.address.ip() {
             ip if ip.is_unspecified() => "127.0.0.1".to_owned(),
@@ -126,7 +126,8 @@ impl Server {
         format!("http://{host}:{port}/#token={}", self.settings.token.text())
     }
 
-    /// Serves until `stop` is true, with these recorded sessions. Open streams are ended; a connection that does not end within two seconds is cut.
+    /// Serves the live state and these recorded sessions until `stop` is true. Then open streams are ended, and a
+    /// connection that does not end within two seconds is closed.
     ///
     /// # Errors
     /// A listener failed.
@@ -153,7 +154,7 @@ impl Server {
             let (router, mut stop) = (router.clone(), stop.clone());
             serving.spawn(async move {
                 let ended = async move {
-                    // an error means that nobody can stop it any more
+                    // an error means that the sender is gone: serving ends too
                     let _ = stop.wait_for(|stop| *stop).await;
                 };
                 axum::serve(listener, router)

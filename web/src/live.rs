@@ -1,4 +1,4 @@
-//! Follows a daemon: its status each second, its events, and the stream of the running session.
+//! Follows a daemon: queries its status each second, and reads its events and the stream of the running session.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -21,14 +21,14 @@ const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Timeout of a call.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Records that the daemon holds for this reader.
+/// Records that the daemon buffers for this reader.
 const RING: u64 = 64;
 /// Most frames that wait for their maps.
 const FRAMES: usize = 1024;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
-/// Keeps `live` up to date, and reconnects for ever. `address`: of the bus; `None` for the usual ones.
+/// Keeps `live` up to date, and reconnects for ever. `address`: of the bus; `None` for the default addresses.
 pub async fn follow(address: Option<Address>, live: Live) {
     loop {
         let lost = match connected(address.as_ref(), &live).await {
@@ -64,7 +64,7 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
                 if running.as_deref() != following.as_ref().map(|following| following.id.as_str()) {
                     following = None;
                     if let Some(id) = running {
-                        // it may have ended since the status; otherwise the next status tries again
+                        // the session may have ended since the status; if not, the next status opens it again
                         match Following::open(&connection, &manager, id.clone(), session.clone(), live).await {
                             Ok(opened) => following = Some(opened),
                             Err(error) => trouble = Some(format!("the frames of {id} cannot be read: {error}")),
@@ -93,14 +93,14 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
             }
             ended = read(&mut following, live) => {
                 ended?;
-                // the next status says what runs now
+                // the next status names the session that runs then
                 following = None;
             }
         }
     }
 }
 
-/// Reads the stream of a session until it ends; waits for ever where there is none.
+/// Reads the stream of a session until it ends; without a session it waits for ever.
 async fn read(following: &mut Option<Following>, live: &Live) -> Result<(), Failure> {
     match following {
         None => std::future::pending().await,
@@ -156,7 +156,7 @@ struct Following {
     /// Frames whose maps may still come, the oldest first.
     frames: VecDeque<FrameState>,
     pressure: Option<(u64, Vec<f64>)>,
-    /// Records of a frame that come before its map.
+    /// Records of a frame that arrive before its map, by name, with the number of the frame.
     beside: HashMap<&'static str, (u64, Value)>,
 }
 
@@ -184,7 +184,7 @@ impl Following {
         stream.set_nonblocking(true)?;
         live.change(|snapshot| {
             snapshot.geometry = Some(Arc::new(geometry));
-            // a stream that was lost begins again with the same session
+            // after a lost stream, the same session is opened again
             snapshot.forget_frames();
             snapshot.set_session(state);
         });
@@ -197,7 +197,7 @@ impl Following {
             pressure: None,
             beside: HashMap::new(),
         };
-        // a session with a long period may have no new frame for minutes
+        // a session with a long period may have no new frame for minutes: show the latest map meanwhile
         if let Some(latest) = Fault::available(session.latest_map().await)? {
             let pressure = Fault::available(session.latest_pressure().await)?;
             following.show_latest(latest, pressure, live);
@@ -291,12 +291,13 @@ impl Following {
             Body::Quality { json } => keep("quality", &json),
             Body::Tracked { json } => keep("tracked", &json),
             Body::Quantities { json } => keep("quantities", &json),
-            // not requested
+            // these are not requested, and the end is handled by the caller
             Body::Injection { .. } | Body::Deviation { .. } | Body::End { .. } => {}
         }
     }
 
-    /// Shows a map and what came before it. Without a calibration the values are losses, so that a load is positive.
+    /// Shows a map with the records that came before it. Without a calibration the values are losses, so that a load is
+    /// positive.
     fn show_map(&mut self, sequence: u64, values: &[f64], method: String, live: &Live) {
         let pressure = self.pressure.take().filter(|(of, _)| *of == sequence);
         let (unit, shown): (_, Vec<f32>) = match &pressure {
@@ -310,7 +311,7 @@ impl Following {
             let (of, value) = self.beside.remove(name)?;
             (of == sequence).then_some(value)
         };
-        // a slow method's map comes after later frames; those before it have none
+        // the map of a slow method arrives after later frames; the frames before the map's own will have none
         self.frames.retain(|frame| frame.sequence >= sequence);
         if self
             .frames
@@ -385,7 +386,7 @@ mod tests {
         assert_eq!((readings.0, &*readings.1), (3, &[Some(0.5), None][..]));
         take(2, map());
         assert_eq!(shown(), (2, true, 2000));
-        // the map of an earlier frame arrives too late
+        // the map of an earlier frame, which arrives too late
         take(1, map());
         assert_eq!(shown(), (2, true, 2000));
         take(3, map());

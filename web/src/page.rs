@@ -1,4 +1,4 @@
-//! The files of the page, in the program.
+//! The files of the page, compiled into the program.
 
 /// Path, media type, content.
 pub(crate) const FILES: [(&str, &str, &str); 14] = [

@@ -1,4 +1,4 @@
-//! The routes: the page's files, and the data that it reads.
+//! The routes: the page's files, and the data that the page reads.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,11 +24,11 @@ use crate::{Control, Settings};
 
 /// Most pages that wait for a change at the same time.
 const WAITING: usize = 32;
-/// Time after which a page gets the state without a change, so that a lost connection is noticed.
+/// Time after which a page receives the state without a change, so that a lost connection is noticed.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// Header of what belongs to a session: the id of the one that the state named at that moment, empty where it named none. A page
-/// leaves out what is of another session than its own state, as a session may have begun since.
+/// Header of data that belong to a session: the id of the session in the state at that moment, empty if there is none.
+/// A page ignores data of another session than that of its own state, because a session may have begun since.
 const SESSION: &str = "tactus-session";
 
 /// Most bytes of a command.
@@ -91,7 +91,8 @@ fn file(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-/// 256 colours from zero to the largest load and to the largest gain, as in every other picture:
+/// 256 colours each from zero to the largest load and to the largest gain, as in every other picture: `{"loads": [[r,
+/// g, b], ...], "gains": ...}`.
 /// `{"loads": [[r, g, b], ...], "gains": ...}`.
 fn colours() -> String {
     let colours = |sign: f64| -> Vec<render::Rgb> {
@@ -109,7 +110,7 @@ async fn state(State(shared): State<Shared>) -> Response {
     json(text.into())
 }
 
-/// A command for the daemon. The guard lets it pass only where the page may control.
+/// A command for the daemon. The guard forwards it only if the page may control.
 async fn control(State(shared): State<Shared>, body: Bytes) -> Response {
     let Some(to) = &shared.control else {
         return (StatusCode::FORBIDDEN, guard::READ_ONLY).into_response();
@@ -137,20 +138,21 @@ async fn geometry(State(shared): State<Shared>) -> Response {
     }
 }
 
-/// A map as little-endian single precision, one value a triangle. A browser must not keep it: the next session has
-/// frames of the same numbers.
+/// A map as little-endian single precision, one value a triangle. A browser must not cache it: the next session has
+/// frames with the same numbers.
 async fn map(State(shared): State<Shared>, Path(sequence): Path<String>) -> Response {
     let sequence = sequence.parse().ok();
     kept(sequence.and_then(|sequence| shared.live.map(sequence)))
 }
 
-/// The map that is shown until the session's own one comes, in the same form.
+/// The map that is shown until the map of the session's own method arrives, in the same format.
 async fn provisional(State(shared): State<Shared>, Path(sequence): Path<String>) -> Response {
     let sequence = sequence.parse().ok();
     kept(sequence.and_then(|sequence| shared.live.provisional(sequence)))
 }
 
-/// Standard deviations of the last frame, or of one of the last seconds: `{"session", "sequence", "unit"}` and one value a triangle.
+/// Standard deviations of the last frame, or of one of the last seconds: `{"session", "sequence", "unit"}` and one
+/// value a triangle.
 async fn deviation(State(shared): State<Shared>) -> Answer {
     let beside = Arc::clone(&shared.beside);
     let made = worked(None, move || beside.deviation(&shared.live)).await?;
@@ -170,8 +172,8 @@ fn kept(known: Option<OfSession<Arc<[u8]>>>) -> Response {
     }
 }
 
-/// The state after a version that the page has: at once where there is a newer one, otherwise at the next change. The page asks
-/// again when it has read the answer: a slow link gets fewer states, not old ones.
+/// The state after a version that the page has: at once if there is a newer one, otherwise at the next change. The page
+/// requests the next one when it has read the response: over a slow link it gets fewer states, but no old ones.
 async fn next_state(State(mut shared): State<Shared>, Path(known): Path<String>) -> Response {
     let Ok(known) = known.parse::<u64>() else {
         return (StatusCode::BAD_REQUEST, "a version is a number\n").into_response();
@@ -182,7 +184,7 @@ async fn next_state(State(mut shared): State<Shared>, Path(known): Path<String>)
     };
     let mut changes = shared.live.subscribe();
     let changed = async {
-        // an error means that nobody changes it any more
+        // an error means that the sender is gone: no further change
         let _ = changes.wait_for(|now| now.version != known).await;
     };
     tokio::select! {

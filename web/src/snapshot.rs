@@ -11,7 +11,7 @@ use tokio::sync::watch;
 use crate::answer::bytes;
 use crate::running::ProvisionalMap;
 
-/// Maps that are kept for pages that are behind.
+/// Maps that are kept for pages that lag behind.
 const MAPS: usize = 16;
 /// Events that are kept.
 const EVENTS: usize = 50;
@@ -20,29 +20,29 @@ const EVENTS: usize = 50;
 #[derive(Debug, Clone)]
 pub struct Live(watch::Sender<Snapshot>);
 
-/// What is known at one moment.
+/// The known state at one moment.
 #[derive(Debug, Clone, Default)]
 pub struct Snapshot {
     /// Counts changes.
     pub(crate) version: u64,
-    /// The state in words and numbers.
+    /// The state as words and numbers.
     pub state: State,
     /// Maps of the last frames, 4 bytes a triangle, by sequence.
     pub(crate) maps: VecDeque<(u64, Arc<[u8]>)>,
-    /// The map of a frame that is shown until its own one comes.
+    /// The map of a frame that is shown until the map of the session's own method arrives.
     pub(crate) provisional: Option<(u64, Arc<[u8]>)>,
-    /// Readings of the last frame, V, with its sequence; `None` for one that is no voltage.
+    /// Readings of the last frame, V, with its sequence; `None` for a missing one.
     pub(crate) readings: Option<(u64, Arc<[Option<f64>]>)>,
     /// Geometry of the maps.
     pub geometry: Option<Arc<dbus::Geometry>>,
 }
 
-/// `/api/state`, beside its version.
+/// `/api/state`, without its version.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct State {
-    /// Why there is no daemon, or no frames of the running session; `None` while all is well.
+    /// Why there is no daemon, or why the frames of the running session cannot be read; `None` without a problem.
     pub trouble: Option<String>,
-    /// `None` while no daemon answers.
+    /// `None` while there is no connection to a daemon.
     pub daemon: Option<DaemonState>,
     /// The running session.
     pub session: Option<SessionState>,
@@ -65,7 +65,7 @@ pub struct DaemonState {
     pub simulated: bool,
     /// Source of frames.
     pub source: String,
-    /// Whether it can be used.
+    /// Whether the source can be used.
     pub source_state: String,
     /// Method of reconstruction.
     pub method: String,
@@ -77,9 +77,9 @@ pub struct DaemonState {
     pub baseline_remarks: Vec<String>,
     /// Version of the daemon.
     pub version: String,
-    /// Whether nothing is wrong.
+    /// Whether no problem is present.
     pub well: Option<bool>,
-    /// What is wrong, as `kind: sentence`.
+    /// The present problems, as `kind: sentence`.
     pub troubles: Vec<String>,
     /// Instruments and their states, as `role: state`.
     pub instruments: Vec<String>,
@@ -87,7 +87,7 @@ pub struct DaemonState {
     pub disk_days: Option<f64>,
     /// The last error.
     pub last_error: Option<String>,
-    /// The rig is lost: what, and since when.
+    /// The lost instruments; `None` while all are connected.
     pub lost: Option<String>,
 }
 
@@ -123,13 +123,13 @@ pub struct FrameState {
     pub simulated: bool,
     /// Records that were lost before it.
     pub gap: u64,
-    /// Readings that are no voltages.
+    /// Missing readings.
     pub missing: usize,
     /// Its readings.
     pub readings: usize,
     /// Whether `/api/map/SEQUENCE` exists; with `provisional`, `/api/provisional/SEQUENCE`.
     pub map: bool,
-    /// What is not exact about the map, as a sentence; `None` for that of the session's own method.
+    /// Why the map is not exact, as a sentence; `None` for the map of the session's own method.
     pub provisional: Option<String>,
     /// Method of the map.
     pub method: Option<String>,
@@ -171,7 +171,7 @@ impl Live {
         });
     }
 
-    /// Whether pages may command the daemon; before any page follows.
+    /// Sets whether pages may command the daemon. Must be called before a page follows.
     pub(crate) fn set_control(&self, control: bool) {
         self.0
             .send_modify(|snapshot| snapshot.state.control = control);
@@ -182,8 +182,8 @@ impl Live {
         self.0.subscribe()
     }
 
-    /// Shows a map of a frame until the session's own one comes; neither where that is there, nor where a later frame or another
-    /// session is.
+    /// Shows a map of a frame until the map of the session's own method arrives; does nothing if that map is there
+    /// already, or if a later frame or another session is current.
     pub(crate) fn show_provisional(&self, session: &str, sequence: u64, made: ProvisionalMap) {
         self.0.send_if_modified(|snapshot| {
             if snapshot.session() != session {
@@ -222,7 +222,7 @@ impl Live {
     }
 }
 
-/// Something with the id of the session that the state names at the same moment; empty where it names none.
+/// Data with the id of the session in the state at the same moment; empty if there is none.
 pub(crate) type OfSession<T> = (String, T);
 
 impl Snapshot {
@@ -247,7 +247,8 @@ impl Snapshot {
         }
     }
 
-    /// Takes the session that runs now. Frame and maps of another one go; those of one that ended stay until the next begins.
+    /// Sets the session that runs now. If another one begins, frame and maps are dropped; those of an ended session
+    /// stay until then.
     pub(crate) fn set_session(&mut self, session: Option<SessionState>) {
         let begins = session.as_ref();
         if begins.is_some_and(|session| session.id != self.session()) {
@@ -256,7 +257,7 @@ impl Snapshot {
         self.state.session = session;
     }
 
-    /// Without a frame and maps.
+    /// Drops the last frame and all maps.
     pub(crate) fn forget_frames(&mut self) {
         self.maps.clear();
         self.provisional = None;
@@ -264,7 +265,7 @@ impl Snapshot {
         self.state.frame = None;
     }
 
-    /// Id of the session that the state names; empty where it names none.
+    /// Id of the session in the state; empty if there is none.
     fn session(&self) -> &str {
         let session = self.state.session.as_ref();
         session.map_or("", |session| &session.id)
@@ -291,7 +292,7 @@ impl Snapshot {
             version: self.version,
             state: &self.state,
         };
-        // numbers, words and JSON: they have a text
+        // cannot fail: the state consists of numbers, texts and JSON values
         serde_json::to_string(&numbered).unwrap_or_default()
     }
 }

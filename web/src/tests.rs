@@ -72,7 +72,7 @@ impl Served {
         TcpStream::connect(("127.0.0.1", self.port)).await.unwrap()
     }
 
-    /// The whole answer to a request with these headers.
+    /// The whole response to a request with these headers.
     async fn ask(&self, line: &str, headers: &[String]) -> String {
         self.ask_with(line, headers, "").await
     }
@@ -98,7 +98,7 @@ impl Served {
         format!("Authorization: Bearer {}\r\n", self.token)
     }
 
-    /// The body of an answer.
+    /// The body of a response.
     pub(crate) async fn bytes(&self, path: &str) -> Vec<u8> {
         let mut stream = self.connected().await;
         let headers = [self.host(), self.bearer()].concat();
@@ -483,7 +483,7 @@ fn frames_of_another_session_go_when_one_begins() {
     assert!(!has_frame(), "another one");
 }
 
-/// The state of an answer.
+/// The state in a response.
 fn state_of(answer: &[u8]) -> serde_json::Value {
     serde_json::from_slice(answer).unwrap()
 }
@@ -498,7 +498,7 @@ async fn a_change_answers_those_who_wait_and_stop_ends_them() {
         tokio::spawn(async move { served.bytes(&format!("/api/state/{version}")).await })
     };
     let waits = next(version);
-    // a request with another version than the current one gets an immediate reply
+    // a request with a version other than the current one gets an immediate response
     let old = state_of(&next(version + 7).await.unwrap());
     assert_eq!(old["version"], version);
     assert!(!waits.is_finished());

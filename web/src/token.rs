@@ -24,7 +24,7 @@ pub enum TokenError {
     /// Others may read the file.
     #[error("token file {0} can be read by others; run `chmod 600 {0}`")]
     Open(PathBuf),
-    /// No secret.
+    /// The content is not a token.
     #[error(
         "token file {0} must hold 32 to 256 letters and digits on one line, e.g. of `openssl rand -hex 32`"
     )]
@@ -32,10 +32,10 @@ pub enum TokenError {
 }
 
 impl Token {
-    /// A new one.
+    /// A new random token of 64 hexadecimal digits.
     ///
     /// # Errors
-    /// No random bytes.
+    /// The system gives no random bytes.
     pub fn random() -> Result<Self, TokenError> {
         let mut bytes = [0; BYTES];
         std::fs::File::open("/dev/urandom")
@@ -46,7 +46,7 @@ impl Token {
         ))
     }
 
-    /// The content of a file that only its owner can read. A credential that systemd passes is one, whatever its mode.
+    /// The content of a file that only its owner can read. A credential that systemd passes is accepted with any mode.
     ///
     /// # Errors
     /// A file that cannot be read, that others can read, or that holds no token.

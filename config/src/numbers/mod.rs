@@ -13,14 +13,14 @@ const CHANNEL_DELAY_MS: Bounds = WAIT_MS;
 const AVERAGES: Bounds = Within(1.0, 1000.0);
 const EVERY_S: Bounds = Within(0.0, LONGEST_S);
 const FOR_S: Bounds = Above(0.0, LONGEST_S);
-/// Frames of a session.
+/// Number of frames of a session.
 pub const COUNT: Bounds = Within(1.0, 1e15);
 const SPEED: Bounds = Within(0.0, 1e6);
-/// Largest ring: its 64,768 readings are far beyond any switch.
+/// Most electrodes. Their 64,768 readings are more than any switch can scan.
 const ELECTRODES: Bounds = Within(1.0, 256.0);
 const SLOT: Bounds = Within(1.0, 8.0);
 const ANSWER_MS: Bounds = Within(1.0, 600e3);
-/// A petabyte; as bytes it still fits 64 bits.
+/// One petabyte: in bytes it still fits into 64 bits.
 const MEGABYTES: Bounds = Within(0.0, 1e9);
 const LENGTH_MM: Bounds = Within(0.01, 10e3);
 const OHM: Bounds = Within(1e-6, 1e12);
@@ -42,7 +42,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("wiring.inject_slot", SLOT),
     ("wiring.electrodes", ELECTRODES),
     ("survey.electrodes", ELECTRODES),
-    // the limits of source and relays are checked with the plan
+    // the preparation compares them with the limits of source and relays
     ("survey.current_ua", Above(0.0, 1e6)),
     ("survey.compliance_v", Above(0.0, 1e3)),
     ("survey.settle_ms", SETTLE_MS),
@@ -109,9 +109,9 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("alarm.below", LIMIT),
     ("alarm.deadband", Within(0.0, 1e9)),
     ("alarm.for_s", Within(0.0, 604_800.0)),
-    // each is some 100 kB of memory
+    // the messages of one frame take some 100 kB of memory
     ("record.transcripts", Within(0.0, 1000.0)),
-    // no frame is published during this time
+    // no frame is published while frames are gathered
     ("record.group_ms", Within(0.0, 60e3)),
     ("record.roll_mb", MEGABYTES),
     ("record.warn_below_mb", MEGABYTES),
@@ -125,7 +125,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("notify.disk_days", DAYS),
     ("notify.relay_life", Above(0.0, 1.0)),
     ("notify.baseline_days", DAYS),
-    // a frame may take a whole period
+    // at least one period, because a frame may take that long
     ("notify.no_frame_periods", Within(1.0, 1e6)),
     ("notify.no_frame_s", Above(0.0, LONGEST_S)),
     ("notify.deadline_s", Above(0.0, 600.0)),
@@ -139,8 +139,8 @@ pub const KEYS: &[(&str, Bounds)] = &[
 /// Longest free text, bytes: a note, or a description of sheet, foam, ink and operator.
 pub const LONGEST_TEXT: usize = 4096;
 
-/// Removes every number out of its bounds, so that its default is used while the rest is read, and returns its position
-/// and the problem.
+/// Removes every number that is out of its bounds, so that its default is used while the rest is read; returns the
+/// position and the problem of each.
 pub fn take_out(table: &mut DeTable<'_>) -> Vec<(std::ops::Range<usize>, String)> {
     let mut found = Vec::new();
     take_out_below(table, "", &mut found);
@@ -169,7 +169,7 @@ fn take_out_below(
                 }
                 continue;
             }
-            // beyond 128 bits it is out of all bounds
+            // an integer of more than 128 bits is out of all bounds
             DeValue::Integer(whole) => i128::from_str_radix(whole.as_str(), whole.radix())
                 .map_or(f64::INFINITY, |whole| whole as f64),
             DeValue::Float(number) => number.as_str().parse().unwrap_or(f64::NAN),

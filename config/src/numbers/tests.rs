@@ -49,7 +49,7 @@ mod schema {
     macro_rules! texts {
         ($($name:ident)*) => {$(
             fn $name<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
-                // a text that every text key accepts: it is the name of a quantity
+                // every text key accepts this text: it is the name of a quantity
                 visitor.visit_str("ppi")
             }
         )*};
@@ -107,7 +107,7 @@ mod schema {
         ) -> Result<V::Value, Error> {
             visitor.visit_enum(First(variants[0]))
         }
-        // numbers in such a value would stay unseen: fail instead of missing one silently
+        // numbers in such a value would not be found: fail instead of omitting one silently
         fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
             panic!("{} asks for anything", self.path)
         }
@@ -267,7 +267,7 @@ fn an_extreme_is_refused_by_key_value_and_range() {
             let allowed = bounds[key.as_str()].to_string();
             let range = allowed.replacen("one of", "none of", 1);
             let named = message.contains(&key) && message.contains(&range);
-            // refused by type: a fraction for a whole number within the bounds, and a number that TOML cannot represent
+            // refused by type: a fraction for a whole number within the bounds, or a number that TOML cannot represent
             let by_type = kind == schema::Kind::Whole && message.contains("a whole number");
             let no_toml = value == "1e999" || value.len() > 19;
             assert!(named || by_type || no_toml, "{key} = {value}: {message}");

@@ -1,4 +1,4 @@
-//! `/api/history/HOURS/REGION`: stored quantities over all sessions, from now back.
+//! `/api/history/HOURS/REGION`: stored quantities over all sessions, for the last hours.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,17 +15,17 @@ use crate::answer::{Answer, json, refused, worked};
 
 /// Most rows of a curve: one for about two pixels of a screen.
 const SPANS: u32 = 720;
-/// Longest time back, h: ten years.
+/// Longest period, h: ten years.
 const LONGEST_H: u32 = 87_600;
-/// Answers are given again for so long: months of rows are read once, however many pages ask.
+/// Time for which a response is reused: months of rows are read once, for any number of pages.
 const KEPT_FOR: Duration = Duration::from_secs(20);
-/// Most answers that are kept.
+/// Most responses that are kept.
 const ANSWERS: usize = 64;
 
 /// Hours and region.
 type Request = (u32, String);
 
-/// When it was made, and its text.
+/// Time when the response was made, and its text.
 type Kept = (Instant, Arc<str>);
 
 #[derive(Clone)]
@@ -44,7 +44,7 @@ pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
         })
 }
 
-/// The time that is asked for, and its rows.
+/// The requested period, and its rows.
 #[derive(serde::Serialize)]
 struct Rows {
     from_ms: i64,
@@ -62,7 +62,7 @@ async fn history(
         let text = format!("a history is history/HOURS/REGION, with 1 to {LONGEST_H} hours");
         return Err(refused(StatusCode::BAD_REQUEST, text));
     };
-    // one at a time: the second one finds the answer of the first
+    // the lock lets one request compute at a time; the next one finds the response of the first
     let found = worked(None, move || shared.answer(hours, &region)).await?;
     let text = found.map_err(|why| refused(StatusCode::CONFLICT, why))?;
     Ok(json(text))

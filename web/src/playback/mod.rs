@@ -24,19 +24,19 @@ pub trait Recordings: Send + Sync {
     /// A sentence: the folder cannot be read.
     fn list(&self) -> Result<SessionList, String>;
 
-    /// Opens a session of the list by its id; `None` if the list has none of this id, which is never taken for a path.
+    /// Opens a session of the list by its id; `None` if the list has no such id. An id is never used as a path.
     ///
     /// # Errors
     /// A sentence: it cannot be read, or has no maps.
     fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String>;
 
-    /// All sheets of an archive, where the page has one.
+    /// All sheets of an archive; `None` if the page has no archive.
     fn sheets(&self) -> Option<Arc<dyn Sheets>> {
         None
     }
 
-    /// The running session with this id, for maps beside those of the daemon; `None` if it is not recorded here. It may take
-    /// seconds.
+    /// The running session with this id, for maps in addition to those of the daemon; `None` if it is not recorded
+    /// here. The call may take seconds.
     ///
     /// # Errors
     /// A sentence: it cannot be read, or has no maps.
@@ -45,8 +45,8 @@ pub trait Recordings: Send + Sync {
         Ok(None)
     }
 
-    /// The stored quantities of a region over all sessions, in at most so many spans, all of the newest unit. A place that
-    /// stores none has none.
+    /// The stored quantities of a region over all sessions from `from_s` to `to_s` (s since 1970 UTC), in at most
+    /// `spans` rows, all in the unit of the newest row. Empty if nothing is stored.
     ///
     /// # Errors
     /// A sentence: the folder cannot be read.
@@ -56,24 +56,24 @@ pub trait Recordings: Send + Sync {
     }
 }
 
-/// An open session. Its methods may be called at the same time; a map takes as long as its method.
+/// An open session. Its methods may be called at the same time; the time for a map depends on its method.
 pub trait Playback: Send + Sync {
-    /// What does not change while it is open.
+    /// The properties that do not change while it is open.
     fn overview(&self) -> &Overview;
 
     /// The geometry of its maps.
     fn sheet(&self) -> &Sheet;
 
-    /// Its quantities over time, as far as they are known by now, in spans such that there are at most so many.
+    /// Its quantities over time, as far as they are known by now, in at most `spans` rows.
     ///
     /// # Errors
     /// A sentence: they cannot be read.
     fn course(&self, spans: u32) -> Result<Course, String>;
 
-    /// The map at a place.
+    /// The map of the frame at a place.
     ///
     /// # Errors
-    /// A sentence: the frame cannot be read or has no map, or the baseline was not followed so far yet.
+    /// A sentence: the frame cannot be read or has no map, or the baseline has not been tracked that far yet.
     fn map(&self, place: Place, kind: MapKind) -> Result<PlayedMap, String>;
 }
 
@@ -122,7 +122,7 @@ pub struct Overview {
     pub first_ms: i64,
     /// Time of the last frame.
     pub last_ms: i64,
-    /// What happened, the oldest first.
+    /// Its events, the oldest first.
     pub events: Vec<EventState>,
     /// Its named regions.
     pub regions: Vec<RegionShape>,
@@ -131,11 +131,11 @@ pub struct Overview {
 /// Quantities over time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Course {
-    /// Share of the frames that were followed: 0 to 1.
+    /// Share of the frames whose quantities are known: 0 to 1.
     pub progress: f64,
-    /// Why no more frames are followed.
+    /// Why the quantities of further frames are not computed.
     pub failed: Option<String>,
-    /// Where the rows are from, as a sentence.
+    /// The source of the rows, as a sentence.
     pub source: String,
     /// Rows of one length, the oldest first.
     pub rows: Vec<QuantityRow>,
@@ -167,12 +167,12 @@ pub enum Place {
     Time(i64),
 }
 
-/// Which map is asked for.
+/// Kind of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MapKind {
-    /// At once: a fast method, compared with the nearest baseline that is kept.
+    /// A map of a fast method, compared with the nearest stored baseline; available at once.
     Quick,
-    /// As the session's own method and baseline make it.
+    /// The map of the session's own method and baseline.
     Exact,
     /// Time without relief of each triangle, s.
     Unrelieved,
@@ -191,11 +191,11 @@ pub struct PlayedMap {
     pub method: String,
     /// `kPa`, `lost share`, `s`, or [`crate::DEVIATION`].
     pub unit: &'static str,
-    /// What is not exact about it, as a sentence; `None` for the exact map.
+    /// Why the map is not exact, as a sentence; `None` for the exact map.
     pub provisional: Option<String>,
     /// The largest value by noise alone; `None` if unknown.
     pub noise: Option<f64>,
-    /// What the tracked baseline says of the frame.
+    /// Result of the tracked baseline for the frame.
     pub tracked: Option<Tracked>,
     /// Quantities of the frame, without those that need the frames before it.
     pub quantities: Option<FrameQuantities>,

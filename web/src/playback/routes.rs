@@ -14,12 +14,12 @@ use tokio::time::Instant;
 use super::{MapKind, Place, Playback, Recordings};
 use crate::answer::{Answer, geometry_json, json, packed, refused, worked};
 
-/// Sessions that stay open.
+/// Most sessions that stay open.
 const OPEN: usize = 2;
-/// Time without a request after which a session is closed: an open one keeps the daemon from completing its file.
+/// Time without a request after which a session is closed: an open session keeps the daemon from completing its file.
 const IDLE: Duration = Duration::from_secs(60);
 const IDLE_CHECK: Duration = Duration::from_secs(15);
-/// Requests that work at the same time.
+/// Requests that are computed at the same time.
 const WORKERS: usize = 4;
 /// Most rows of a curve: one for about two pixels of a screen.
 const SPANS: u32 = 720;
@@ -27,9 +27,10 @@ const SPANS: u32 = 720;
 #[derive(Clone)]
 struct Shared {
     recordings: Arc<dyn Recordings>,
-    /// Those that were used last, the newest at the end.
+    /// The open sessions, the last used at the end.
     open: Arc<Mutex<Vec<Opened>>>,
-    /// Held while one is opened: a session of an archive may be fetched for minutes, and the open ones are played meanwhile.
+    /// Held while a session is opened: fetching one from an archive may take minutes, and the open sessions are played
+    /// meanwhile.
     opening: Arc<Mutex<()>>,
     workers: Arc<Semaphore>,
 }
@@ -41,7 +42,7 @@ struct Opened {
     used: Instant,
 }
 
-/// Closes sessions that are not used any more, as long as there are routes.
+/// Closes sessions that are not used any more; ends when the routes are dropped.
 async fn close_idle(open: Weak<Mutex<Vec<Opened>>>) {
     let mut ticks = tokio::time::interval(IDLE_CHECK);
     loop {
@@ -52,7 +53,7 @@ async fn close_idle(open: Weak<Mutex<Vec<Opened>>>) {
     }
 }
 
-/// The routes of recorded sessions. To be called in a runtime.
+/// The routes of recorded sessions. Must be called in a tokio runtime.
 pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
     let open = Arc::default();
     tokio::spawn(close_idle(Arc::downgrade(&open)));
@@ -70,7 +71,7 @@ pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
 }
 
 impl Shared {
-    /// Works beside the server's own thread.
+    /// Runs `work` on a blocking thread, limited by `workers`.
     async fn work<T: Send + 'static>(
         self,
         work: impl FnOnce(&Self) -> Result<T, (StatusCode, String)> + Send + 'static,
@@ -92,13 +93,13 @@ impl Shared {
         Some(playback)
     }
 
-    /// The session with this id, opened where it is not.
+    /// The session with this id; opens it if it is not open.
     fn playback(&self, id: &str) -> Result<Arc<dyn Playback>, (StatusCode, String)> {
         if let Some(playback) = self.opened(id) {
             return Ok(playback);
         }
         let _opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
-        // by the one who opened it meanwhile
+        // another request may have opened it meanwhile
         if let Some(playback) = self.opened(id) {
             return Ok(playback);
         }
@@ -139,7 +140,7 @@ async fn session(State(shared): State<Shared>, Path(id): Path<String>) -> Answer
     Ok(json(text.into()))
 }
 
-/// A sheet as the daemon sends it, each triangle with corners of its own.
+/// A sheet in the form in which the daemon sends it; triangles share no nodes.
 fn geometry(sheet: &Sheet) -> dbus::Geometry {
     dbus::Geometry {
         mesh_hash: String::new(),
@@ -172,7 +173,7 @@ async fn course(State(shared): State<Shared>, Path(id): Path<String>) -> Answer 
     Ok(json(serde_json::json!(course).to_string().into()))
 }
 
-/// `/api/sessions/ID/maps/KIND/BY/NUMBER`: a kind, and a place by `frame` or `ms`.
+/// `/api/sessions/ID/maps/KIND/BY/NUMBER`: a kind, and a place given by `frame` or `ms`.
 async fn map(
     State(shared): State<Shared>,
     Path((id, kind, by, number)): Path<(String, String, String, String)>,

@@ -126,7 +126,7 @@ async fn sessions_are_listed_opened_and_kept() {
     let course = served.get("/api/sessions/m1/course").await;
     assert!(course.contains(r#""progress":0.5"#), "{course}");
     assert_eq!(opened.load(Ordering::Relaxed), 1);
-    // two stay open: the third replaces the one that was used longest ago
+    // two stay open: the third replaces the least recently used one
     for (id, count) in [("m2", 2), ("m1", 2), ("m3", 3), ("m1", 3), ("m2", 4)] {
         assert_eq!(
             code(&served.get(&format!("/api/sessions/{id}/course")).await),

@@ -14,7 +14,7 @@ use tokio::sync::Semaphore;
 
 use crate::answer::{Answer, json, refused, worked};
 
-/// Requests that ask the catalogue at the same time.
+/// Catalogue queries that run at the same time.
 const WORKERS: usize = 2;
 
 /// The catalogue of an archive. Rows are objects whose fields are those of `docs/reference/json.md`.
@@ -38,7 +38,7 @@ struct Shared {
     workers: Arc<Semaphore>,
 }
 
-/// The routes of all sheets; without an archive they refuse.
+/// The routes of all sheets; without an archive they answer 404.
 pub(crate) fn router(sheets: Option<Arc<dyn Sheets>>) -> Router {
     Router::new()
         .route("/api/sheets", get(machines))
@@ -61,7 +61,7 @@ async fn sessions(
 }
 
 impl Shared {
-    /// Asks beside the server's own thread.
+    /// Queries the catalogue on a blocking thread.
     async fn ask(
         self,
         question: impl FnOnce(&dyn Sheets) -> Result<Value, String> + Send + 'static,
