@@ -99,8 +99,8 @@ pub fn search_order(runtime_directory: Option<PathBuf>) -> Vec<Address> {
         .collect()
 }
 
-/// Connects to the given address, or to the first address of [`search_order`] with a daemon that admits this user: who may not use the
-/// peer socket may still read on the system bus.
+/// Connects to the given address, or to the first address of [`search_order`] with a daemon that admits this user: a
+/// user who may not use the peer socket may still read on the system bus.
 ///
 /// # Errors
 /// No daemon, or not allowed; the message names every address tried.
@@ -175,8 +175,8 @@ async fn reach(address: &Address) -> Result<Connection, ConnectError> {
     }
 }
 
-/// Why the daemon closed a connection during the handshake: a busy daemon sends a message, one that rejects the user
-/// sends nothing.
+/// Why the daemon closed a connection during the handshake: a busy daemon sends a message, a daemon that rejects the
+/// user sends nothing.
 fn turned_away(address: &Address, cause: &str) -> ConnectError {
     let address = address.clone();
     match cause.split_once(BUSY) {

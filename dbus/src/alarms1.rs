@@ -50,7 +50,8 @@ pub struct AlarmReport {
     pub built_in: Option<bool>,
     /// How bad it is when active: `minor` or `major`.
     pub severity: Option<String>,
-    /// Present level: `ok`, `minor`, `major`, or `invalid` if it cannot be evaluated; absent while its evaluation is suppressed.
+    /// Present level: `ok`, `minor`, `major`, or `invalid` if it cannot be evaluated; absent while its evaluation is
+    /// suppressed.
     pub level: Option<String>,
     /// Whether it is active.
     pub active: Option<bool>,
@@ -62,13 +63,13 @@ pub struct AlarmReport {
     pub changed_ns: Option<i64>,
     /// Value and limit at the last time the limit was exceeded; the present ones while it is active.
     pub cause: Option<String>,
-    /// Why it cannot be judged.
+    /// Why it cannot be evaluated.
     pub invalid: Option<String>,
-    /// Why it is not to be judged at present.
+    /// Why its evaluation is suppressed at present.
     pub suppressed: Option<String>,
     /// By whom and why it is shelved.
     pub shelved: Option<String>,
-    /// Until when it is shelved, ns since 1970 UTC; absent if until it ends.
+    /// End of the shelving, ns since 1970 UTC; absent if the alarm is shelved until it ends.
     pub shelved_until_ns: Option<i64>,
     /// By whom and why it is out of service.
     pub out_of_service: Option<String>,

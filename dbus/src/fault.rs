@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-/// An error of the daemon. The text tells what to do; the name (`org.tactus.Tactus1.Error.` and the variant) is for
-/// programs.
+/// An error of the daemon. The text is for people and states what to do; the name (`org.tactus.Tactus1.Error.` and
+/// the variant) is for programs.
 #[derive(Debug, zbus::DBusError)]
 #[zbus(prefix = "org.tactus.Tactus1.Error", impl_display = false)]
 pub enum Fault {
@@ -36,8 +36,8 @@ pub enum Fault {
     NoFrame(String),
     /// The configuration has problems; the text is a line for each, with file, line and column.
     Configuration(String),
-    /// The rig or the model does not support this (such as stepping a session that has a schedule, or pressure of a method
-    /// that is not calibrated).
+    /// The rig or the model does not support this (such as stepping a session that has a schedule, or pressure with a
+    /// method that is not calibrated).
     Unsupported(String),
     /// Any other error; the text is the only information.
     Failed(String),
@@ -58,11 +58,12 @@ impl Fault {
         }
     }
 
-    /// A reply, or `None` where the daemon has nothing to reply with: no frame or map yet, a session that is gone, an
-    /// interface that it does not have.
+    /// A reply; `None` if the daemon has no data: no frame or map yet, a session that no longer exists, an interface
+    /// that this daemon does not implement.
     ///
     /// # Errors
-    /// Every other error; a reply that cannot be read is one, because it does not mean that there is nothing.
+    /// Every other error. A reply that cannot be decoded is an error too, because it does not mean that there are no
+    /// data.
     pub fn available<T>(reply: Result<T, Self>) -> Result<Option<T>, Self> {
         match reply {
             Ok(reply) => Ok(Some(reply)),

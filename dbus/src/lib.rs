@@ -1,17 +1,20 @@
-//! The D-Bus contract of Tactus: names, paths, interfaces, wire types, and the records of the full-rate stream. Depends on
-//! no other crate of this workspace; daemon and clients convert their own types to the wire types.
+//! The D-Bus contract of Tactus: names, paths, interfaces, wire types, and the records of the full-rate stream.
+//! Depends on no other crate of this workspace; daemon and clients convert their own types to the wire types.
 //!
-//! - **manager**: the daemon itself (`Manager1` on [`ROOT_PATH`]); **alarms**: its alarms (`Alarms1` there); **instrument**: one `Instrument1` object each
+//! - **manager**: the daemon itself (`Manager1` on [`ROOT_PATH`]); **alarms**: its alarms (`Alarms1`, same object)
+//! - **instrument**: one `Instrument1` object for each instrument
 //! - **session**: a baseline being recorded or a measurement (`Session1`), running or recently ended
-//! - **fault**: one error name for each kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`SessionOptions`]...)
+//! - **fault**: one error name for each kind ([`Fault`])
+//! - **options**: the last `a{sv}` argument of a method ([`SessionOptions`], ...)
 //! - **dictionaries**: the `a{sv}` that the daemon sends ([`Health`], [`PlanDetails`], ...)
-//! - **json**: what the daemon reports, as programs print and publish it ([`json::Status`], [`json::Alarm`])
+//! - **json**: reports of the daemon as programs print and publish them ([`json::Status`], [`json::Alarm`])
 //! - **record**: one frame, map or end in the full-rate stream ([`stream`])
 //!
-//! The proxies do not cache properties that may change: every read queries the daemon. The daemon emits PropertiesChanged;
-//! to follow changes, subscribe through `zbus::fdo::PropertiesProxy`.
+//! The proxies do not cache properties that may change: every read queries the daemon. The daemon emits
+//! `PropertiesChanged`; to follow changes, subscribe through `zbus::fdo::PropertiesProxy`.
 //!
-//! The daemon has three kinds of address ([`Address`]): the system bus, the session bus, and a unix socket that needs no broker.
+//! The daemon has three kinds of address ([`Address`]): the system bus, the session bus, and a unix socket that needs
+//! no broker.
 //!
 //! ```
 //! assert_eq!(dbus::session_path("b20261207_1")?.as_str(), "/org/tactus/Tactus1/session/b20261207_1");

@@ -118,7 +118,7 @@ options! {
 
     /// Options of `Transcript`.
     TranscriptOptions {
-        /// Number of the last frames, 1 by default.
+        /// Number of most recent frames, 1 by default.
         frames: u64,
     }
 
@@ -138,7 +138,7 @@ options! {
         maps: bool,
         /// Pressure, false by default.
         pressure: bool,
-        /// Records of the quality of maps, of what the tracked baseline says, and of quantities.
+        /// Records of the quality of maps, of the result of the tracked baseline, and of quantities.
         quality: bool,
         /// Records of the load after every injection, false by default.
         injections: bool,
@@ -149,7 +149,7 @@ options! {
     }
 }
 
-/// Named values (`a{sv}`) as they came, of any type.
+/// Named values (`a{sv}`) of any type, before they are parsed.
 ///
 /// ```
 /// let sent = dbus::Options::new().with("every_s", 1_u64).with("note", "first");

@@ -97,7 +97,7 @@ impl fmt::Display for Bounds {
     }
 }
 
-/// A number in a few characters, whatever its size.
+/// Formats a number of any size in a few characters.
 struct Short(f64);
 
 impl fmt::Display for Short {
@@ -110,7 +110,7 @@ impl fmt::Display for Short {
     }
 }
 
-/// The longest time that [`duration`] gives: a hundred years. Every clock can still add it.
+/// The longest time that [`duration`] returns: a hundred years, which can be added to the time of any clock.
 pub const LONGEST_S: f64 = 100.0 * 365.25 * 86_400.0;
 
 /// Converts seconds to a duration: zero for negative numbers and NaN, at most [`LONGEST_S`]. Meant for numbers that

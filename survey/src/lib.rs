@@ -1,7 +1,7 @@
 //! Shared data types of a rig, its measurements and its maps.
 //!
 //! Electrodes, the Sheffield order, the plan of a frame, frames of voltages, baselines, maps, and their units.
-//! Instruments, clocks, threads and mathematics are left to other crates.
+//! Contains no instruments, clocks, threads or mathematics; these are in other crates.
 //!
 //! - **electrode**: a contact on the edge of the sheet; **dipole**: two of them with a direction
 //! - **measurement**: drive one pair, sense another; **protocol**: all measurements of a frame, in order

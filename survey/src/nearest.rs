@@ -1,8 +1,8 @@
-//! The name that was probably meant by one that does not exist.
+//! Suggests a known name for an unknown one.
 
-/// The known name most similar to an unknown one: one name contains the other (if the unknown one has three letters or more), or
-/// their edit distance is at most a third of the unknown name's length, and at least 1 is allowed. `None` if there is none. Case, and `_`
-/// instead of `-`, do not count.
+/// The known name most similar to an unknown one; `None` if none is similar. Names are similar if one contains the
+/// other (and the unknown one has three letters or more), or if their edit distance is at most a third of the unknown
+/// name's length, at least 1. Upper and lower case, and `_` and `-`, count as equal.
 ///
 /// ```
 /// let known = ["temperature", "thermal-emf", "creep"];

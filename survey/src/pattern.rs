@@ -42,7 +42,7 @@ pub fn sheffield(ring: usize) -> impl Iterator<Item = Measurement> + Clone {
     skip(ring, 0)
 }
 
-/// Like [`sheffield`], driving and sensing pairs that leave `skip` electrodes out between their two.
+/// Like [`sheffield`], with `skip` electrodes between the two of each driving and sensing pair.
 pub fn skip(ring: usize, skip: usize) -> impl Iterator<Item = Measurement> + Clone {
     (0..ring)
         .map(move |k| Dipole::skip(k, skip, ring))

@@ -76,8 +76,8 @@ pub fn printable_json(json: String) -> String {
     shown
 }
 
-/// The line of JSON that every program prints on standard error when it fails with `--json`; the fields are described in
-/// `docs/reference/json.md`.
+/// The line of JSON that every program prints on standard error when it fails with `--json`; the fields are described
+/// in `docs/reference/json.md`.
 ///
 /// ```
 /// assert_eq!(
@@ -99,11 +99,11 @@ pub fn error_line(kind: &str, code: u8, text: &str) -> String {
         code,
         text: text.trim_end(),
     };
-    // texts and numbers always become JSON
+    // serialisation of texts and numbers cannot fail
     printable_json(serde_json::to_string(&line).unwrap_or_default())
 }
 
-/// Whether a command line, of which not all may be valid, asks for JSON: for errors of the command line itself.
+/// Whether a command line that may be invalid has the option `--json`; for errors of the command line itself.
 ///
 /// ```
 /// assert!(survey::asks_for_json(&["tactus".into(), "--json".into()]));

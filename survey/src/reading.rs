@@ -45,7 +45,8 @@ impl Reading {
         }
     }
 
-    /// From a flag and a voltage; `None` for an unknown flag, or for flag 0 with a voltage that is not finite.
+    /// The reading with a flag and a voltage; `None` for an unknown flag, or for flag 0 with a voltage that is not
+    /// finite.
     pub fn from_flag(flag: u8, volts: f64) -> Option<Self> {
         match flag {
             0 if volts.is_finite() => Some(Self::Ok(Volts(volts))),

@@ -4,8 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// An electrode: counted from 0 in programs and case folders, shown to people from 1 as in the paper.
-/// [`Electrode::from_number`] and [`Electrode::number`] are the one place of that conversion.
+/// An electrode: counted from 0 in programs and case folders, shown to people from 1 as in the paper. Only
+/// [`Electrode::from_number`] and [`Electrode::number`] convert between the two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Electrode(pub usize);
@@ -28,7 +28,8 @@ impl fmt::Display for Electrode {
     }
 }
 
-/// Two electrodes with a direction: current enters at `plus` and leaves at `minus`, or a reading is U\[plus\] - U\[minus\].
+/// Two electrodes with a direction: current enters at `plus` and leaves at `minus`, or a reading is U\[plus\] -
+/// U\[minus\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Dipole {
     /// Source of the current, or the voltmeter's HI.

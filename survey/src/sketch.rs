@@ -25,7 +25,7 @@ impl Map {
     /// ```
     pub fn signed_sum(&self, seed: u32) -> f64 {
         let of_seed = u64::from(seed) << 32;
-        // 64 triangles a draw
+        // one draw gives the signs of 64 triangles
         let draws = self.values.chunks(64).zip(of_seed..);
         let sums = draws.map(|(values, draw)| {
             let bits = mixed(draw);

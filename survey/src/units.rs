@@ -1,4 +1,4 @@
-//! Unit types for interfaces. Inside a formula plain `f64` in SI is used; an interface takes these.
+//! Unit types for interfaces. Formulas use plain `f64` in SI units.
 //!
 //! ```
 //! use survey::{Amps, Ohms, Volts};
@@ -98,8 +98,8 @@ impl Div<Ohms> for Volts {
     }
 }
 
-/// Writes with the SI prefix that leaves one to three digits before the point: `2.5 uV`; with a precision, `{:.3}`, so many
-/// digits in all.
+/// Writes the value with the SI prefix that leaves one to three digits before the decimal point: `2.5 uV`. A
+/// precision, `{:.3}`, is the total number of digits.
 fn engineering(value: f64, unit: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     const PREFIXES: [(f64, &str); 9] = [
         (1e9, "G"),

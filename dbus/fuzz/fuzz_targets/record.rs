@@ -22,7 +22,7 @@ fuzz_target!(|bytes: &[u8]| {
     framed.extend(sequence.rotate_right(5).to_le_bytes());
     framed.extend(u64::from(cut).to_le_bytes());
     framed.extend(u32::from(count & 1).to_le_bytes());
-    // As many as fit, or the number from the fuzzer's input.
+    // The count that fits the length, or a count from the fuzzer's input.
     let fitting = match kind % 6 {
         1 => bytes.len() / 9,
         3 => bytes.len(),

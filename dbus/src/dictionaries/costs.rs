@@ -1,4 +1,4 @@
-//! The costs of a plan, which its dictionary holds as two keys a setting.
+//! The costs of the settings of a plan. The plan's dictionary has two keys for each setting.
 
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ pub struct SettingCost {
     pub gain: f64,
 }
 
-/// `averages 9.0 s (noise / 2.00)`.
+/// Formats as `averages 9.0 s (noise / 2.00)`.
 impl std::fmt::Display for SettingCost {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let name = self.setting.replace('_', " ");

@@ -1,6 +1,6 @@
-//! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Keys of `dictionaries!` are optional: the daemon
-//! leaves out unknown values, and a daemon of another version may send fewer keys or more. Keys of `replies!` are always
-//! sent.
+//! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Keys of `dictionaries!` are optional: the
+//! daemon leaves out unknown values, and a daemon of another version may send fewer or more keys. Keys of `replies!`
+//! are always sent.
 
 mod costs;
 #[cfg(test)]
@@ -23,8 +23,8 @@ macro_rules! dictionaries {
     )*};
 }
 
-/// Structs whose fields are keys that a dictionary always has; those of `more`, which has optional keys, are in the same
-/// dictionary.
+/// Structs whose fields are the required keys of a dictionary. The optional keys, in the struct `more`, are in the
+/// same dictionary.
 macro_rules! replies {
     ($($(#[$meta:meta])* $name:ident {
         $($(#[$doc:meta])* $key:ident: $type:ty,)*
@@ -144,7 +144,7 @@ dictionaries! {
         range_v: f64,
         /// Whether each reading has a range of its own.
         planned_ranges: bool,
-        /// Commands that set a range, in a frame.
+        /// Number of commands in a frame that set a range.
         range_changes: u64,
         /// Time that these commands take, s.
         range_time_s: f64,
@@ -219,7 +219,8 @@ dictionaries! {
         protocol_hash: String,
         /// Remarks for people before they use it, a sentence each.
         remarks: Vec<String>,
-        /// How it was followed, as it was last kept: `tracked` of `tactus baseline show --json`, as JSON; absent if it was not.
+        /// State of the tracked baseline when it was last stored: `tracked` of `tactus baseline show --json`, as
+        /// JSON; absent if the baseline was not tracked.
         tracked: String,
     }
 
@@ -297,7 +298,8 @@ dictionaries! {
         reconstruction_s: f64,
         /// Time from the last reading until the frame was on disk, s.
         durable_s: f64,
-        /// What speaks for the kind of the map, where the method chooses among kinds: `evidence` of `tactus replay --json`, as JSON.
+        /// Evidence for the kind of the map, if the method chooses between kinds: `evidence` of
+        /// `tactus replay --json`, as JSON.
         evidence: String,
         /// Largest relative loss of conductance.
         largest_loss: f64,
@@ -313,20 +315,22 @@ dictionaries! {
         newtons: f64,
         /// Largest pressure, kPa; for a calibrated method.
         largest_kpa: f64,
-        /// How far the map can be believed: `sound`, `doubtful`, `unreliable`; absent where nothing judged it.
+        /// Reliability of the map: `sound`, `doubtful`, `unreliable`; absent if the map was not judged.
         quality: String,
         /// Why it is not sound, sentences joined by semicolons.
         doubts: String,
-        /// Whether the tracked baseline says that the map is true; absent where the baseline is not tracked.
+        /// Whether the map can be relied on according to the tracked baseline; absent if the baseline is not tracked.
         known: bool,
-        /// What the tracked baseline says of the frame: `tracked` of `tactus watch --json`, as JSON; absent as above.
+        /// Result of the tracked baseline for the frame: `tracked` of `tactus watch --json`, as JSON; absent if the
+        /// baseline is not tracked.
         tracked: String,
         /// Load, contact area and others: `quantities` of `tactus watch --json`, as JSON.
         quantities: String,
-        /// Standard deviation of the change of ln conductance of each triangle of the region, relative to the sheet without its load; NaN
-        /// where the frame says nothing of it. Only in `LatestMap`, and absent until a reader of the stream requests standard deviations; the last one stays when that reader leaves.
+        /// Standard deviation of the change of ln conductance of each triangle of the region, relative to the sheet
+        /// without its load; NaN if the frame does not determine it. Only in `LatestMap`. Absent until a reader of
+        /// the stream requests standard deviations; the last values remain after that reader closes the stream.
         deviations: Vec<f64>,
-        /// Sequence of the frame of the standard deviations: at most one in a second has some.
+        /// Sequence of the frame to which the standard deviations belong; they are computed at most once a second.
         deviations_sequence: u64,
     }
 

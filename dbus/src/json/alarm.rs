@@ -11,7 +11,7 @@ pub struct Alarm {
     pub built_in: bool,
     /// How bad it is when active: `minor` or `major`.
     pub severity: String,
-    /// `ok`, `minor`, `major` or `invalid`; `None` while it is not to be judged.
+    /// `ok`, `minor`, `major` or `invalid`; `None` while its evaluation is suppressed.
     pub level: Option<String>,
     /// Whether it is active.
     pub active: bool,
@@ -26,13 +26,13 @@ pub struct Alarm {
     pub changed_ns: Option<i64>,
     /// Value and limit at the last time the limit was exceeded; the present ones while it is active.
     pub cause: Option<String>,
-    /// Why it cannot be judged.
+    /// Why it cannot be evaluated.
     pub invalid: Option<String>,
-    /// Why it is not to be judged at present.
+    /// Why its evaluation is suppressed at present.
     pub suppressed: Option<String>,
     /// By whom and why it is shelved.
     pub shelved: Option<String>,
-    /// Until when it is shelved; `None` if until it ends.
+    /// End of the shelving; `None` if the alarm is shelved until it ends.
     pub shelved_until: Option<String>,
     /// The same in ns since 1970 UTC.
     #[serde(skip)]
@@ -51,12 +51,12 @@ impl Alarm {
         self.active && self.shelved.is_none() && self.out_of_service.is_none()
     }
 
-    /// Whether a person should look at it: it notifies, is not acknowledged, or cannot be judged.
+    /// Whether a person should look at it: it notifies, is not acknowledged, or cannot be evaluated.
     pub fn matters(&self) -> bool {
         self.notifies() || !self.acknowledged || self.level.as_deref() == Some("invalid")
     }
 
-    /// Its state and what it waits for, a few words each.
+    /// Its state, and the action of a user that it waits for, a few words each.
     pub fn standing(&self) -> Vec<String> {
         let mut words = vec![match (self.active, self.level.as_deref()) {
             (true, _) => format!("ACTIVE, {}", self.severity),
@@ -73,7 +73,7 @@ impl Alarm {
         words
     }
 
-    /// The same with who shelved it or took it out of service, in one line.
+    /// As [`Alarm::standing`], with who shelved it or took it out of service, in one line.
     pub fn words(&self) -> String {
         let mut words = self.standing();
         let aside = [
@@ -95,7 +95,7 @@ impl From<crate::AlarmReport> for Alarm {
             severity: reported.severity.unwrap_or_default(),
             level: reported.level,
             active: reported.active.unwrap_or(false),
-            // of a daemon that does not report it nothing is claimed
+            // false if the daemon does not report it
             acknowledged: reported.acknowledged.unwrap_or(false),
             held: reported.held.unwrap_or(false),
             changed: reported.changed_ns.map(utc_of_ns),

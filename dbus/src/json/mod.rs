@@ -1,5 +1,5 @@
-//! What the daemon reports, as the JSON of `tactus status`, `tactus alarms`, `tactus instruments discover` and the live topics: one
-//! line each, with the same fields wherever it is written. Draws and prints nothing.
+//! Reports of the daemon as the JSON of `tactus status`, `tactus alarms`, `tactus instruments discover` and the live
+//! topics: one line for each report, with the same fields in all of them. Neither draws nor prints.
 
 mod alarm;
 mod discovery;

@@ -104,7 +104,7 @@ pub struct MapSummary {
     pub quality: Option<String>,
     /// Why it is not sound.
     pub doubts: Option<String>,
-    /// Whether the tracked baseline says that the map is true.
+    /// Whether the map can be relied on according to the tracked baseline.
     pub known: Option<bool>,
     /// Computing time, s.
     pub reconstruction_s: Option<f64>,
@@ -114,7 +114,7 @@ pub struct MapSummary {
 
 /// Unit of the maps of a calibrated method.
 const CALIBRATED: &str = "kPa";
-/// What the maps of a method without calibration show.
+/// Unit of the maps of a method without calibration.
 const RELATIVE: &str = "relative loss of conductance";
 
 impl MapSummary {
@@ -158,7 +158,7 @@ impl From<crate::SessionStatus> for Running {
 }
 
 impl Status {
-    /// What a daemon at this address reports.
+    /// The status that the daemon at the address `bus` reported.
     pub fn from(status: crate::Status, bus: String) -> Self {
         Self {
             state: status.state.unwrap_or_default(),

@@ -26,9 +26,9 @@
 //! | deviation | n standard deviations of the change of ln conductance (f64; NaN: not determined), then the mesh hash to the end |
 //! | end | the reason, n bytes (UTF-8); the descriptor is then closed |
 //!
-//! Pressure, quality, tracked and quantities come just before the map of the same frame. An injection belongs to the frame of its
-//! sequence, which is still being measured. A reader skips unknown kinds by their length, and rejects other versions.
-//! `dbus/stream_reader.py` is a reader in some twenty lines.
+//! Pressure, quality, tracked and quantities come just before the map of the same frame. An injection belongs to the
+//! frame of its sequence, which is still being measured. A reader skips unknown kinds by their length, and rejects
+//! other versions. `dbus/stream_reader.py` is a reader in less than forty lines.
 //!
 //! ```
 //! use dbus::stream::{Body, Decoder, Record};
@@ -95,12 +95,12 @@ pub enum Body {
         /// Total load, N.
         newtons: f64,
     },
-    /// How far the map of the same sequence, which follows, can be believed.
+    /// Reliability of the map of the same sequence, which follows.
     Quality {
         /// A `survey::MapQuality` as JSON.
         json: String,
     },
-    /// What the tracked baseline says of the frame of the same sequence, whose map follows.
+    /// Result of the tracked baseline for the frame of the same sequence, whose map follows.
     Tracked {
         /// `tracked` of `tactus watch --json`.
         json: String,
@@ -117,10 +117,10 @@ pub enum Body {
         /// `after` of `tactus watch --fast --json`.
         json: String,
     },
-    /// How exactly the frame of this sequence tells each triangle, relative to the sheet without its load.
+    /// Precision of the values of the frame of this sequence, relative to the sheet without its load.
     Deviation {
-        /// Standard deviation of the change of ln conductance, one value for each triangle of the region; NaN where the frame says
-        /// nothing of it.
+        /// Standard deviation of the change of ln conductance, one value for each triangle of the region; NaN if the
+        /// frame does not determine it.
         values: Vec<f64>,
         /// Hash of the mesh.
         mesh_hash: String,

@@ -251,9 +251,9 @@ pub enum BaselineError {
     Length {
         /// Its name.
         baseline: String,
-        /// What it has.
+        /// Number of its readings.
         has: usize,
-        /// What is needed.
+        /// Number of readings needed.
         wants: usize,
     },
 }
@@ -331,8 +331,8 @@ impl Baseline {
     }
 }
 
-/// The mean of each reading over the frames where it is valid, and the standard deviation of one reading, V, where two or more
-/// are. A reading valid in none keeps the flag of the last frame.
+/// The mean of each reading over the frames in which it is valid, and the standard deviation of one reading, V, if it
+/// is valid in two frames or more. A reading that is valid in no frame keeps the flag of the last frame.
 pub fn mean_of(frames: &[&[Reading]]) -> (Vec<Reading>, Vec<Option<f64>>) {
     let last = frames.last().copied().unwrap_or_default();
     let of = |(index, flag): (usize, &Reading)| {

@@ -2,12 +2,13 @@
 
 use std::collections::HashMap;
 
-/// A peak is a hot spot of its own if the map falls below this share of it on every way to a higher peak.
+/// A peak is a separate hot spot if the map falls below this fraction of it on every path to a higher peak.
 const SADDLE: f64 = 0.5;
-/// Patches below this share of the largest product of area and value are dropped: the ragged edge of a patch.
+/// Patches whose product of area and value is below this fraction of the largest are dropped: ragged edges of other
+/// patches.
 const LEAST: f64 = 0.02;
 
-/// A patch round one maximum, as far as the map is at least half of that maximum.
+/// A patch around one maximum: the triangles where the map is at least half of that maximum.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HotSpot {
     /// Centroid, weighted by value times area, m.
@@ -56,19 +57,19 @@ impl Adjacency {
         }
     }
 
-    /// One point for each triangle, m.
+    /// Centroid of each triangle, m.
     pub fn centroids(&self) -> &[[f64; 2]] {
         &self.centroids
     }
 
-    /// One for each triangle, m2.
+    /// Area of each triangle, m2.
     pub fn areas(&self) -> &[f64] {
         &self.areas
     }
 
-    /// The hot spots of a map, the highest first. `loads` has one value for each triangle; triangles below `least` belong to
-    /// none. Two maxima are one hot spot unless the map falls below half of the lower one between them. A patch that covers
-    /// the whole map has no place, and is none.
+    /// The hot spots of a map, highest first. `loads` has one value for each triangle; triangles below `least` belong
+    /// to no hot spot. Two maxima are one hot spot unless the map falls below half of the lower one between them. A
+    /// patch that covers the whole map has no position and is not a hot spot.
     pub fn hot_spots(&self, loads: &[f64], least: f64) -> Vec<HotSpot> {
         let mut order: Vec<usize> = (0..loads.len().min(self.areas.len()))
             .filter(|t| loads[*t] > 0.0 && loads[*t] >= least)
@@ -80,7 +81,7 @@ impl Adjacency {
         {
             return Vec::new();
         }
-        // patches grow from the highest triangle down; `peak_of[t]` is the first triangle of its patch
+        // patches grow from the highest triangle down; `first[p]` is the highest triangle of patch p
         let mut patch_of: Vec<Option<usize>> = vec![None; self.areas.len()];
         let mut merged_into: Vec<usize> = Vec::new();
         let mut first: Vec<usize> = Vec::new();
@@ -98,7 +99,7 @@ impl Adjacency {
                 .collect();
             touched.sort_unstable();
             touched.dedup();
-            // patches are numbered by their peaks, from the highest: the first is the highest
+            // patches are numbered by descending peak: the smallest number has the highest peak
             let Some(&highest) = touched.first() else {
                 merged_into.push(first.len());
                 patch_of[triangle] = Some(first.len());

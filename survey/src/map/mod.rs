@@ -1,5 +1,5 @@
-//! Maps: one value for each triangle of the region of interest, and how far they can be believed. How maps are made is
-//! left to the methods.
+//! Maps: one value for each triangle of the region of interest, and a verdict on the reliability of the map. The
+//! methods that compute maps are in other crates.
 
 mod hot_spots;
 mod quality;
@@ -59,26 +59,28 @@ impl MapUnit {
     }
 }
 
-/// Why a method that tries several kinds of map chose this one ([`Map::method`] names it), compared with the next best kind.
+/// Why a method that tries several kinds of map chose this one ([`Map::method`] names it), compared with the next
+/// best kind.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
-    /// Mean squared residual of the map, over the largest that noise and model error explain: at most 1 for shapes and smooth loads.
-    /// `None` for total variation, which is fitted until its residual is about that large.
+    /// Mean squared residual of the map, divided by the largest one that noise and model error explain: at most 1 for
+    /// shapes and smooth loads. `None` for total variation, which is fitted until its residual is about that large.
     pub left: Option<f64>,
-    /// The next best kind. `None` if no other was tried: a plain disc left a clearly smaller residual than allowed, or is too small to be
-    /// told from other shapes.
+    /// The next best kind. `None` if no other was tried: a plain disc left a clearly smaller residual than allowed,
+    /// or is too small to be distinguished from other shapes.
     pub next: Option<NextKind>,
 }
 
 /// A kind of map that a method tried and did not choose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NextKind {
-    /// Its name, as [`Map::method`] would have it.
+    /// Its name, in the form of [`Map::method`].
     pub method: String,
     /// As [`Evidence::left`].
     pub left: f64,
-    /// Logarithm of the odds of the chosen kind against this one; negative if this one is more probable but its residual is too large.
-    /// `None` if the chosen map is total variation or a smooth load, whose parameters have no count.
+    /// Logarithm of the odds of the chosen kind against this one; negative if this one is more probable but its
+    /// residual is too large. `None` if the chosen map is total variation or a smooth load, which have no number of
+    /// parameters.
     pub ln_odds: Option<f64>,
 }
 
@@ -87,7 +89,7 @@ pub struct NextKind {
 pub struct Map {
     /// Hash of the mesh whose region this is.
     pub mesh_hash: String,
-    /// One value a triangle of the region.
+    /// One value for each triangle of the region.
     pub values: Vec<f64>,
     /// Their meaning.
     pub unit: MapUnit,
@@ -95,16 +97,16 @@ pub struct Map {
     pub method: String,
     /// Invalid readings left out.
     pub masked: usize,
-    /// What speaks for the kind of map, where the method chooses among kinds.
+    /// Evidence for the kind of map, if the method chooses between kinds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evidence: Option<Evidence>,
-    /// How far the map can be believed; `None` where nothing judged it.
+    /// Reliability of the map; `None` if it was not judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quality: Option<MapQuality>,
 }
 
 impl Map {
-    /// Relative changes of conductance of a mesh's region, with nothing masked or judged.
+    /// A map of relative changes of conductance, without masked readings, evidence or quality.
     pub fn relative(
         mesh_hash: impl Into<String>,
         values: Vec<f64>,

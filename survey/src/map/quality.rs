@@ -1,4 +1,4 @@
-//! How far a map can be believed: a verdict with its reasons, which name the electrode or pair.
+//! Reliability of a map: a verdict with its reasons, which name the electrode or pair.
 
 use std::fmt;
 
@@ -6,20 +6,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::Electrode;
 
-/// How far a map can be believed.
+/// Reliability of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// The readings agree with the model and the stated noise.
     Sound,
-    /// Some readings do not; the map may be wrong where the reason says.
+    /// Some readings do not agree; the map may be wrong at the place that the reason names.
     Doubtful,
-    /// The map is not to be believed.
+    /// The map cannot be relied on.
     Unreliable,
 }
 
 impl Verdict {
-    /// From its word.
+    /// The verdict of a word; `None` for an unknown word.
     pub fn from_word(word: &str) -> Option<Self> {
         [Self::Sound, Self::Doubtful, Self::Unreliable]
             .into_iter()
@@ -36,35 +36,37 @@ impl Verdict {
     }
 }
 
-/// What a person should know of a map, in most cases why it is not sound. Shares are of the change of the readings, rms.
+/// A remark on a map for its user, in most cases why the map is not sound. Shares are fractions of the rms change of
+/// the readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Doubt {
-    /// Readings that use this electrode do not follow the model's (in the baseline) or the baseline's (in the frame).
+    /// Readings that use this electrode do not agree with the model (in the baseline) or with the baseline (in the
+    /// frame).
     DeadElectrode {
         /// The electrode.
         electrode: Electrode,
         /// Whether it was dead when the baseline was recorded.
         in_baseline: bool,
     },
-    /// The difference of reciprocal readings is not that of the stated noise.
+    /// The differences of reciprocal readings do not agree with the stated noise.
     Noise {
-        /// Noise of the readings over the stated one.
+        /// Noise of the readings divided by the stated noise.
         ratio: f64,
     },
     /// One pair of electrodes is noisier than the others.
     NoisyPair {
         /// The pair's first electrode.
         electrode: Electrode,
-        /// Its noise over that of the others.
+        /// Its noise divided by that of the others.
         ratio: f64,
     },
-    /// The injections have other gains than in the baseline: their readings differ from the reciprocal ones.
+    /// The gains of the injections differ from those of the baseline: readings differ from their reciprocal ones.
     Gains {
         /// The first electrode of the pair that differs most.
         electrode: Electrode,
         /// Relative change of its gain.
         gain: f64,
-        /// Share of the change that no map makes, because it is not reciprocal.
+        /// Share of the change that no map can explain, because it is not reciprocal.
         share: f64,
     },
     /// The best map of the whole sheet leaves this share of the change unexplained.
@@ -72,22 +74,22 @@ pub enum Doubt {
         /// The share.
         share: f64,
     },
-    /// A contact impedance explains the change better than the conductance of the sheet does: the contact has changed, or
-    /// a load lies over the electrode.
+    /// A contact impedance explains the change better than the conductance of the sheet does: the contact has
+    /// changed, or a load lies over the electrode.
     AtElectrode {
         /// The electrode.
         electrode: Electrode,
     },
-    /// Most of the change comes from outside of the region that maps show. The map of the region is not wrong for that.
+    /// Most of the change comes from outside the region that maps show. The map of the region can still be right.
     OutsideRegion {
         /// The electrode nearest to it.
         electrode: Electrode,
         /// Integral of the relative loss near it, mm2.
         lost_mm2: f64,
     },
-    /// The noise leaves open which load it is.
+    /// Different loads explain the frame equally well within the noise.
     NoiseLimit {
-        /// The mean correlation of the map with loads that the posterior leaves possible.
+        /// Mean correlation of the map with the loads that the posterior leaves possible.
         correlation: f64,
     },
     /// The map shows more conductance lost than there is.
@@ -95,27 +97,29 @@ pub enum Doubt {
         /// The largest relative loss.
         loss: f64,
     },
-    /// A learned map leaves more of the change unexplained than it does of changes like those of its training.
+    /// A learned map leaves a larger share of the change unexplained than it does for changes like those of its
+    /// training.
     OwnMisfit {
         /// The share that it leaves.
         share: f64,
-        /// The share that 99.9 % of the held-out cases stay below, or all of them where they are fewer than a thousand.
+        /// The limit below which the share of 99.9 % of the held-out cases lies, or of all cases if there are fewer
+        /// than 1000.
         limit: f64,
-        /// Held-out cases behind that limit.
+        /// Number of held-out cases from which the limit was computed.
         cases: usize,
     },
-    /// The frame is farther from the training inputs of a learned method than 99.9 % of these, but not so far that the method
-    /// refuses it.
+    /// The frame is farther from the training inputs of a learned method than 99.9 % of these, but not so far that
+    /// the method refuses it.
     Novelty {
-        /// Its distance over the one within which they lie.
+        /// Its distance divided by the distance within which 99.9 % of the training inputs lie.
         ratio: f64,
     },
 }
 
 impl Doubt {
-    /// Share of unexplained or non-reciprocal change above which a map is not to be believed.
+    /// Share of unexplained or non-reciprocal change above which a map is unreliable.
     pub const UNRELIABLE_SHARE: f64 = 0.3;
-    /// The same for gains: a change of 1e-3 moves a small press by centimetres.
+    /// The same for changed gains: a change of 1e-3 moves the position of a small press by centimetres.
     pub const UNRELIABLE_GAIN_SHARE: f64 = 0.05;
 
     /// The word used in `--json`.
@@ -135,7 +139,7 @@ impl Doubt {
         }
     }
 
-    /// The electrode that it names.
+    /// The electrode that the remark names, if any.
     pub fn electrode(&self) -> Option<Electrode> {
         match *self {
             Self::DeadElectrode { electrode, .. }
@@ -255,7 +259,7 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// How far a map can be believed, and why. As JSON: `verdict`, and `reasons` with `kind`, `electrode` and `text` each.
+/// The verdict on a map and its reasons. As JSON: `verdict`, and `reasons` with `kind`, `electrode` and `text` each.
 ///
 /// ```
 /// use survey::{Doubt, Electrode, MapQuality, Verdict};
@@ -270,7 +274,7 @@ impl fmt::Display for Doubt {
 pub struct MapQuality {
     /// The worst verdict of all reasons.
     pub verdict: Verdict,
-    /// Why it is not sound, and whether the load lies outside of the region; empty if there is nothing to say.
+    /// Why the map is not sound, and whether the load lies outside the region; empty if neither applies.
     pub reasons: Vec<Reason>,
 }
 
@@ -287,7 +291,7 @@ pub struct Reason {
 }
 
 impl MapQuality {
-    /// From the reasons.
+    /// The quality of a map with these remarks.
     pub fn of(doubts: &[Doubt]) -> Self {
         let reason = |doubt: &Doubt| Reason {
             kind: doubt.kind().to_owned(),
@@ -301,7 +305,7 @@ impl MapQuality {
         }
     }
 
-    /// With the reasons of another judgement.
+    /// Adds the reasons of another judgement; the worse verdict applies.
     #[must_use]
     pub fn and(mut self, other: Self) -> Self {
         self.verdict = self.verdict.max(other.verdict);
@@ -309,12 +313,12 @@ impl MapQuality {
         self
     }
 
-    /// Whether there is no reason for doubt.
+    /// Whether the verdict is sound.
     pub fn is_sound(&self) -> bool {
         self.verdict == Verdict::Sound
     }
 
-    /// Whether a person should be told nothing: sound, without a remark.
+    /// Whether there is no remark for the user.
     pub fn is_silent(&self) -> bool {
         self.reasons.is_empty()
     }

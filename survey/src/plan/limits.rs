@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Plan, Step};
 use crate::{Amps, Relay, Volts, WiringError};
 
-/// What a source can be set to.
+/// The settings that a source allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SourceLimits {
     /// Largest current.
@@ -14,7 +14,7 @@ pub struct SourceLimits {
     pub compliance: (Volts, Volts),
 }
 
-/// What a relay can carry and withstand.
+/// The ratings of a relay.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RelayLimits {
     /// Largest current through it, closed.
@@ -106,7 +106,7 @@ pub enum PlanError {
     InjectingPairs {
         /// Number of the step, from 1.
         step: usize,
-        /// How many.
+        /// Number of closed injecting pairs.
         closed: usize,
     },
 }
@@ -154,7 +154,7 @@ impl Plan {
         }
     }
 
-    /// Follows the injecting relays through the steps.
+    /// Checks the injecting relays that are closed at each step.
     fn check_steps(&self, faults: &mut Vec<PlanError>) {
         let mut closed: Vec<Relay> = Vec::new();
         for (number, step) in self

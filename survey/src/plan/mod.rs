@@ -254,7 +254,7 @@ fn unserved(wiring: &Wiring, pair: Dipole, to: &'static str) -> WiringError {
 }
 
 impl fmt::Display for Plan {
-    /// One numbered line a step.
+    /// One numbered line for each step.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (index, step) in self.steps.iter().enumerate() {
             writeln!(f, "{:>5}  {step}", index + 1)?;

@@ -11,7 +11,7 @@ pub struct RangeRule {
     /// The voltmeter's ranges, ascending.
     pub available: Vec<Volts>,
     /// A range must hold the expected value times this margin: 1.5 allows for a press that raises a reading by half
-    /// (the voltmeter also reads a fifth beyond its range).
+    /// (the voltmeter also reads up to 20 % over its range).
     pub margin: f64,
 }
 
@@ -39,7 +39,7 @@ impl RangeRule {
 pub struct Resolution {
     /// Root of the mean square.
     pub rms: Volts,
-    /// Half of the readings have less.
+    /// Median.
     pub median: Volts,
     /// The noise if no reading had a range of its own.
     pub fixed: Volts,
@@ -196,7 +196,7 @@ mod tests {
         }
     }
 
-    /// 6.7 V over the driven pair, 0.5 V beside it, 2 mV elsewhere.
+    /// Expected voltages: 6.5 V across the driven pair, 0.5 V across pairs next to it, 2 mV elsewhere.
     fn expected(measurement: Measurement) -> Option<Volts> {
         Some(Volts(match measurement.drive.touches(measurement.sense) {
             true if measurement.drive == measurement.sense => -6.5,

@@ -14,8 +14,8 @@ pub struct Channel {
     pub relay: Relay,
     /// The pair behind it.
     pub sense: Dipole,
-    /// Index of its reading in the frame; `None` if the protocol does not have it: it is then kept beside the frame,
-    /// and its overload is ignored.
+    /// Index of its reading in the frame; `None` if the protocol does not contain it: it is then stored in
+    /// [`crate::Frame::extra`], and its overload is ignored.
     pub reading: Option<usize>,
     /// The voltmeter's range; `None` for the one range of the session.
     pub range: Option<Volts>,
@@ -146,7 +146,7 @@ fn list(relays: &[Relay]) -> String {
         .join(",")
 }
 
-/// `; ranges 1 V: 3-4,4-5; 100 mV: 5-6`, or nothing if none is set.
+/// Formats as `; ranges 1 V: 3-4,4-5; 100 mV: 5-6`; empty if no range is set.
 fn ranges(pairs: impl Iterator<Item = (Dipole, Option<Volts>)>) -> String {
     let mut groups: Vec<(Volts, Vec<String>)> = Vec::new();
     for (pair, range) in pairs {

@@ -28,7 +28,7 @@ pub struct Timing {
     pub channel_delay: Duration,
     /// Readings averaged to one, 1 or more.
     pub averages: u32,
-    /// Setting the range of one channel (not specified by the maker; to be measured on the instrument).
+    /// Setting the range of one channel (not specified by the manufacturer; to be measured on the instrument).
     pub range_command: Duration,
     /// Round trip of one message and its reply.
     pub round_trip: Duration,

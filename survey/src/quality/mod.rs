@@ -40,7 +40,7 @@ impl QualityFlag {
         }
     }
 
-    /// All of them, in order.
+    /// All flags, in order.
     pub const ALL: [Self; 5] = [
         Self::Incomplete,
         Self::Compliance,
@@ -49,7 +49,7 @@ impl QualityFlag {
         Self::Plausibility,
     ];
 
-    /// From its word.
+    /// The flag of a word; `None` for an unknown word.
     pub fn from_word(word: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|flag| flag.word() == word)
     }
@@ -85,7 +85,7 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// The counts alone.
+    /// The counts only, without the checks.
     pub fn counted(frame: &Frame) -> Self {
         let count = |flag: u8| {
             let flagged = frame.readings.iter().filter(|one| one.flag() == flag);

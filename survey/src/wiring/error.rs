@@ -1,4 +1,4 @@
-//! What is wrong with a wiring.
+//! Errors of a wiring.
 
 use super::Relay;
 use crate::Dipole;
@@ -55,9 +55,9 @@ pub enum WiringError {
     Electrodes {
         /// The wiring's name.
         wiring: String,
-        /// What the wiring has.
+        /// Electrodes of the wiring.
         wired: usize,
-        /// What the protocol has.
+        /// Electrodes of the protocol.
         requested: usize,
     },
     /// The module has too few channels.
@@ -67,7 +67,7 @@ pub enum WiringError {
         wiring: String,
         /// Electrodes requested.
         electrodes: usize,
-        /// What fits.
+        /// Electrodes that fit.
         most: usize,
     },
     /// The numbers of injecting and measuring pairs differ.
@@ -82,12 +82,12 @@ pub enum WiringError {
         /// Measuring pairs.
         measure: usize,
     },
-    /// The protocol asks for a pair that no relay serves.
+    /// The protocol contains a pair that no relay serves.
     #[error("wiring '{wiring}' cannot join pair {pair} to the {to}")]
     Unserved {
         /// The wiring's name.
         wiring: String,
-        /// The pair asked for.
+        /// The requested pair.
         pair: Dipole,
         /// `source` or `voltmeter`.
         to: &'static str,

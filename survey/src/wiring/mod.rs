@@ -17,7 +17,7 @@ pub use error::WiringError;
 pub use relay_table::RelayTable;
 pub use transition::Transition;
 
-/// The number of a switch as its instrument counts, such as slot x 1000 + channel in a mainframe (`1042`).
+/// Number of a relay in its instrument's numbering, such as slot x 1000 + channel in a mainframe (`1042`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Relay(pub u32);
@@ -40,7 +40,7 @@ pub enum Sensing {
     Chain,
 }
 
-/// The relays of a rig, per pair, with the rules that follow from them.
+/// The relays of a rig for each pair, with the rules that follow from them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Wiring {
     /// Display name, such as `gpio board`.
@@ -186,8 +186,8 @@ impl Wiring {
         find(&self.measure, pair)
     }
 
-    /// Every relay that can carry the source's current, in the order of the pairs, each once, those of unused pairs last:
-    /// all must be open before it is first on.
+    /// Every relay that can carry the source's current, in the order of the pairs, each once, those of unused pairs
+    /// last. All must be open before the source is switched on for the first time.
     pub fn injecting_relays(&self) -> Vec<Relay> {
         let pairs = self.inject.iter().chain(&self.unused_inject);
         distinct(pairs.flat_map(|(_, relays)| relays))
