@@ -51,7 +51,7 @@ impl Panel {
         ]
     }
 
-    /// The background of the sheet, visible where the map has no triangles.
+    /// The background of the sheet; it stays visible where the map has no triangles.
     pub(crate) fn ground<DB: DrawingBackend>(
         &self,
         pen: &Pen<'_, DB>,
@@ -119,7 +119,7 @@ impl Panel {
         Ok(())
     }
 
-    /// A position just outside the sheet: perpendicular to a side of the box, otherwise away from the middle.
+    /// A position just outside the sheet: perpendicular to a near side of the box, otherwise away from `middle`.
     fn beside(&self, at: [f64; 2], middle: [f64; 2], size: f64) -> [f64; 2] {
         let [width, height] = self.size();
         let out = size * 0.95;
@@ -202,7 +202,7 @@ impl Panel {
     }
 }
 
-/// A colour bar with its ticks and label; larger displayed numbers are above.
+/// A colour bar with its ticks and label; larger displayed numbers are at the top.
 pub(crate) fn bar<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     range: &Range,
@@ -276,7 +276,7 @@ pub(crate) fn page_title<DB: DrawingBackend>(
     pen.bold(&second, [16.0, 30.0], 14.0, INK, Anchor::Left)
 }
 
-/// Title, below it method and missing readings; at the right end the label of a simulation.
+/// The title, and below it the caption; at the right end the label of a simulation.
 pub(crate) fn heading<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     title: &str,
@@ -297,8 +297,8 @@ pub(crate) fn heading<DB: DrawingBackend>(
     Ok(())
 }
 
-/// The line under the title: why the map is not sound, whether it shows nothing above its noise, the method, and the number of missing
-/// readings.
+/// The line under the title: why the map is not sound, whether nothing in it is above its noise, the method, and the
+/// number of missing readings.
 pub(crate) fn caption(map: &Map, style: &Style) -> String {
     let method = match map.masked {
         0 => map.method.clone(),
@@ -311,7 +311,7 @@ pub(crate) fn caption(map: &Map, style: &Style) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
-/// The text for a map that shows nothing above its noise, a relative loss.
+/// The text for a map in which nothing is above its noise. `noise`: a relative loss.
 pub fn nothing_above(noise: f64) -> String {
     let percent = 100.0 * noise;
     let (_, decimals) = step(percent, 10);
@@ -330,7 +330,7 @@ pub(crate) fn small_title<DB: DrawingBackend>(
     pen.bold(&title, at, size, INK, Anchor::Centre)
 }
 
-/// Interval of the electrodes' numbers: every one if there is space, otherwise every fifth or tenth.
+/// Interval of the displayed electrode numbers: 1 if there is space, otherwise 2, 5, 10 or 20.
 fn number_every(places: &[[f64; 2]], size: f64) -> usize {
     let closest = places
         .iter()

@@ -4,8 +4,8 @@ use survey::{Adjacency, HotSpot, Map};
 
 use crate::{PictureError, Sheet};
 
-/// The connected patches that have lost at least half of what the worst triangle has lost, the worst first; empty if nothing
-/// is lost.
+/// The connected patches that have lost at least half of the loss of the worst triangle, the worst first; empty if
+/// nothing is lost.
 ///
 /// # Errors
 /// A map of another sheet.

@@ -116,7 +116,7 @@ impl Page<'_> {
         Ok(svg)
     }
 
-    /// All triangles of one colour are one path; a stroke of the same colour closes the seams in viewers.
+    /// The triangles of each colour as one path. A stroke of the same colour closes the seams in viewers.
     fn triangles(&self, drawn: &Drawn<'_>) -> String {
         let Drawn { panel, map, .. } = drawn;
         let mut paths: BTreeMap<Rgb, String> = BTreeMap::new();

@@ -7,8 +7,8 @@
 //!
 //! - **sheet**: the geometry of a picture: triangles of the region in the order of the map's values, outline,
 //!   electrodes, in metres
-//! - **style**: title, scale, the true load if known, the position found
-//! - **hot spot**: a connected patch that has lost at least half of what the worst triangle has lost
+//! - **style**: title, scale, the true position of the load if known, the position found
+//! - **hot spot**: a connected patch that has lost at least half of the loss of the worst triangle
 //!
 //! ```
 //! use render::{Sheet, Style, TerminalColour, TerminalStyle};
@@ -90,7 +90,7 @@ pub struct TruePlace {
     pub radius: f64,
 }
 
-/// A hot spot: a ring of the size of its area.
+/// A hot spot, drawn as a ring of the size of its area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpotMark {
     /// Its number.
@@ -116,11 +116,11 @@ pub struct Style {
     pub true_outline: Vec<[f64; 2]>,
     /// Position found, m: a cross.
     pub found: Option<[f64; 2]>,
-    /// Hot spots: numbered rings. `None` if they were not looked for; otherwise the marks are explained even if there is none,
-    /// so that pictures of one session have one size.
+    /// Hot spots: numbered rings. `None` if they were not computed. With `Some`, the legend explains the marks even if
+    /// there is none, so that all pictures of one session have the same size.
     pub hot_spots: Option<Vec<SpotMark>>,
-    /// Present if nothing in the map is above its noise: the noise, as a relative loss. The picture is then grey with a
-    /// label, and its scale does not depend on the map unless fixed.
+    /// The noise as a relative loss, if nothing in the map is above its noise. The picture is then grey with a label,
+    /// and its scale does not depend on the map unless it is fixed.
     pub nothing_above: Option<f64>,
 }
 
@@ -236,7 +236,7 @@ impl Sheet {
             }
         }
         let (width, height) = (extent.width(), extent.height());
-        // Not `<=`: an empty sheet gives NaN or -infinity here.
+        // not `<=`, because an empty sheet gives NaN or -infinity here
         if !(width > 0.0 && height > 0.0 && width / height < 1e3 && height / width < 1e3) {
             return Err(PictureError::Sheet("it has no area, or is a mere line"));
         }

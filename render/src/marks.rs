@@ -8,7 +8,7 @@ use crate::chart::Panel;
 use crate::drawing::pen::{Anchor, INK, Pen, on_circle, rectangle};
 use crate::{PictureError, Style};
 
-/// Which marks a page has.
+/// The kinds of marks on a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Marked {
     pub(crate) truth: bool,
@@ -51,7 +51,7 @@ pub(crate) fn marks<DB: DrawingBackend>(
     if let Some(found) = style.found {
         cross(pen, panel.place(found), panel.words * 0.32)?;
     }
-    // numbers last: nothing hides them
+    // the numbers last, so that no ring hides them
     for spot in style.hot_spots.iter().flatten() {
         let [x, y] = panel.place(spot.centre);
         let radius = ((spot.area / PI).sqrt() * panel.per_metre).max(5.0);
@@ -61,7 +61,7 @@ pub(crate) fn marks<DB: DrawingBackend>(
     Ok(())
 }
 
-/// Explanation of the marks; empty without marks.
+/// The legend of the marks; empty without marks.
 pub(crate) fn legend<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     [mut x, y]: [f64; 2],
@@ -92,7 +92,7 @@ fn circle<DB: DrawingBackend>(
 ) -> Result<(), PictureError> {
     let dashes = ((radius * 0.9) as usize).clamp(6, 40);
     let at = |turn: f64| on_circle(centre, radius, turn);
-    // White below, so that it is visible on dark colours.
+    // white below, so that the mark is visible on dark colours
     pen.line((0..=72).map(|k| at(f64::from(k) / 72.0)), WHITE, 2.2)?;
     for dash in 0..dashes {
         let arc = (0..=6).map(|k| at((dash as f64 + 0.58 * f64::from(k) / 6.0) / dashes as f64));
@@ -106,7 +106,7 @@ fn dashed<DB: DrawingBackend>(pen: &Pen<'_, DB>, corners: &[[f64; 2]]) -> Result
     const DASH: f64 = 4.0;
     const GAP: f64 = 3.0;
     pen.line(corners.iter().chain(corners.first()).copied(), WHITE, 2.2)?;
-    // position of the line in the pattern of dash and gap
+    // position on the line within the pattern of dash and gap
     let mut along = 0.0;
     for (a, b) in corners.iter().zip(corners.iter().cycle().skip(1)) {
         let length = (b[0] - a[0]).hypot(b[1] - a[1]);

@@ -10,7 +10,7 @@ use crate::{PictureError, Sheet};
 const WIDTH: f64 = 640.0;
 const REGION: RGBColor = RGBColor(206, 224, 240);
 
-/// A mesh as a PNG: `all` its triangles (m), of which the sheet's are the region.
+/// A mesh as a PNG. `all`: all its triangles, m; those of `sheet` are the region.
 ///
 /// # Errors
 /// A sheet without area.

@@ -29,7 +29,7 @@ struct Bar {
     labelled: bool,
 }
 
-/// Layout of a page, in points.
+/// Layout of a page; all lengths in points.
 pub(crate) struct Page<'a> {
     pub(crate) sheet: &'a Sheet,
     pub(crate) panels: Vec<Drawn<'a>>,
@@ -255,7 +255,7 @@ impl<'a> Page<'a> {
         self.marks(pen)
     }
 
-    /// Title, the line below it, and the label of a simulation.
+    /// The title, the line below it, and the label of a simulation.
     pub(crate) fn heading<DB: DrawingBackend>(
         &self,
         pen: &Pen<'_, DB>,
@@ -264,7 +264,8 @@ impl<'a> Page<'a> {
         heading(pen, self.title, &self.below, simulated, self.size[0])
     }
 
-    /// What is the same for every map of a sheet on this page: outlines, axes, scales, the explanation of the marks.
+    /// Everything that is the same for every map of a sheet on this page: outlines, axes, scales, the legend of the
+    /// marks.
     pub(crate) fn fixed<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
         for Drawn { panel, style, .. } in &self.panels {
             panel.furniture(pen, self.sheet)?;

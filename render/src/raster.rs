@@ -1,10 +1,10 @@
-//! Triangles to pixels.
+//! Assigns triangles to pixels.
 
 use survey::Map;
 
 use crate::{Extent, PictureError, Sheet};
 
-/// Maximum size of a raster.
+/// Most pixels of a raster.
 pub(crate) const MOST_PIXELS: usize = 64 << 20;
 
 /// The value at the centre of each pixel of the sheet's bounding box, row by row from the top (largest y), left to
@@ -59,7 +59,7 @@ pub(crate) fn fill(
         if turn == 0.0 {
             continue;
         }
-        // A pixel centre on a common edge must belong to one of the triangles.
+        // tolerance, because a pixel centre on a common edge must belong to one of the triangles
         let slack = -1e-9 * turn.abs();
         let bound = |axis: usize, size: usize| {
             let low = a[axis].min(b[axis]).min(c[axis]);

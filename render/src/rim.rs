@@ -1,5 +1,6 @@
-//! The rim: the sheet outside of the region that a map shows. Where the quality of a map says that a load lies there, the part
-//! of the rim nearest to the named electrode is hatched; it has no colour, because the map has no value there.
+//! The rim: the part of the sheet outside of the region that a map shows. If the quality of a map reports a load there,
+//! the part of the rim nearest to the named electrode is hatched. The rim has no colour, because the map has no value
+//! there.
 
 use plotters::prelude::DrawingBackend;
 use survey::Map;
@@ -10,19 +11,19 @@ use crate::{PictureError, Sheet};
 
 /// [`survey::Doubt::kind`] of a load outside of the region.
 const OUTSIDE: &str = "outside_region";
-/// Distance of the lines, and of the places along them that are looked at, points.
+/// Distance of the hatching lines, and of the tested points along them, points.
 const SPACING: f64 = 5.0;
 const STEP: f64 = 1.0;
 
 /// A part of the rim.
 pub(crate) struct Rim<'a> {
     sheet: &'a Sheet,
-    /// The electrode to which it is nearest, counted from 0.
+    /// The electrode to which the part is nearest, counted from 0.
     electrode: usize,
 }
 
 impl<'a> Rim<'a> {
-    /// The part where a load lies; `None` if the map has no such remark.
+    /// The part where a load is; `None` if the quality of the map reports none.
     pub(crate) fn loaded(sheet: &'a Sheet, map: &Map) -> Option<Self> {
         let mut reasons = map.quality.iter().flat_map(|quality| &quality.reasons);
         let reason = reasons.find(|reason| reason.kind == OUTSIDE)?;
@@ -30,7 +31,7 @@ impl<'a> Rim<'a> {
         (electrode < sheet.electrodes.len()).then_some(Self { sheet, electrode })
     }
 
-    /// Whether a place (m) belongs to it.
+    /// Whether a position (m) belongs to this part.
     pub(crate) fn contains(&self, at: [f64; 2]) -> bool {
         let away = |electrode: &[f64; 2]| (electrode[0] - at[0]).hypot(electrode[1] - at[1]);
         let own = away(&self.sheet.electrodes[self.electrode]);
@@ -38,7 +39,7 @@ impl<'a> Rim<'a> {
         nearest && on_sheet(self.sheet, at) && !shown(self.sheet, at)
     }
 
-    /// Lines over it, from the lower left to the upper right.
+    /// Hatching lines over this part, from the lower left to the upper right.
     pub(crate) fn hatch<DB: DrawingBackend>(
         &self,
         pen: &Pen<'_, DB>,
@@ -47,7 +48,7 @@ impl<'a> Rim<'a> {
         let [width, height] = panel.size();
         let lines = ((width + height) / SPACING) as usize;
         for line in 0..=lines {
-            // x + y is the same along a line, y downwards
+            // x + y is constant along a line; y is downwards
             let sum = line as f64 * SPACING;
             let first = (sum - height).max(0.0);
             let steps = ((sum.min(width) - first) / STEP).max(0.0) as usize;
@@ -72,7 +73,7 @@ impl<'a> Rim<'a> {
     }
 }
 
-/// Whether a place is within the outer edge and in no hole.
+/// Whether a position is within the outer edge and in no hole.
 fn on_sheet(sheet: &Sheet, [x, y]: [f64; 2]) -> bool {
     let crossings = sheet.outline.iter().map(|edge| {
         let next = edge.iter().cycle().skip(1);
@@ -84,7 +85,7 @@ fn on_sheet(sheet: &Sheet, [x, y]: [f64; 2]) -> bool {
     crossings.sum::<usize>() % 2 == 1
 }
 
-/// Whether a place is in a triangle of the region.
+/// Whether a position is in a triangle of the region.
 fn shown(sheet: &Sheet, at: [f64; 2]) -> bool {
     sheet.triangles.iter().any(|[a, b, c]| {
         let side = |p: &[f64; 2], q: &[f64; 2]| {

@@ -46,7 +46,7 @@ struct Shown {
     delay_ms: f64,
 }
 
-/// Decodes a film and composes its pictures as specified for APNG; also returns the number of plays.
+/// Decodes a film and composes its pictures as specified for APNG; returns also the number of plays.
 fn watched(bytes: &[u8]) -> (Vec<Shown>, u32) {
     let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
@@ -125,8 +125,8 @@ fn pictures_of_a_film_are_those_of_single_maps() {
         let mean = apart.iter().map(|d| f64::from(*d)).sum::<f64>() / apart.len() as f64;
         let far = apart.iter().filter(|apart| **apart > 12).count() as f64 / apart.len() as f64;
         println!("picture {index}: mean {mean:.3}, above 12 levels: {far:.5}");
-        // limits of 255 colours: see `each_colour_of_a_scale_is_near_one_of_the_palette`; blends of ink with dark
-        // colours are farther away
+        // the tolerance covers 255 colours (see `each_colour_of_a_scale_is_near_one_of_the_palette`); blends of ink
+        // with dark colours are farther away
         assert!(mean < 0.5 && far < 0.0015, "picture {index}: {mean} {far}");
     }
     assert_eq!(shown[2].pixels, shown[3].pixels);

@@ -12,9 +12,9 @@ const SIZE: [f64; 2] = [720.0, 190.0];
 const LEFT: f64 = 66.0;
 const TOP: f64 = 30.0;
 const BOTTOM: f64 = 30.0;
-/// Space beside the curves, without and with the names of several lines.
+/// Space to the right of the curves, without and with the names of several lines.
 const RIGHT: [f64; 2] = [16.0, 150.0];
-/// Where nothing was recorded.
+/// Colour of spans in which nothing was recorded.
 const GAP: RGBColor = RGBColor(228, 228, 232);
 
 /// A quantity of one region in time.
@@ -130,7 +130,7 @@ impl Drawing for Plot<'_> {
         pen.bold(self.course.title, [LEFT, 14.0], 14.0, INK, Anchor::Left)?;
         for [begin, end] in &self.course.gaps {
             let [from, to] = [begin, end].map(|at| self.across(*at));
-            // a short gap is visible too
+            // a short gap must stay visible
             let to = to.max(from + 1.0);
             pen.area(&rectangle([from, TOP], [to, bottom]), GAP)?;
         }

@@ -13,7 +13,7 @@ const LEFT: f64 = 66.0;
 const TOP: f64 = 52.0;
 const RIGHT: f64 = 200.0;
 const BOTTOM: f64 = 52.0;
-/// Space beside the curves for the marks of the legend, and for a letter of its names, points.
+/// Space to the right of the curves for the marks of the legend, and for each letter of its names, points.
 const LEGEND: f64 = 50.0;
 const LETTER: f64 = 7.0;
 
@@ -135,7 +135,7 @@ impl<'a> Plot<'a> {
         ]
     }
 
-    /// Positions and labels of the ticks.
+    /// Positions and labels of the ticks of an axis (0: across, 1: up).
     fn ticks(&self, axis: usize) -> Vec<(f64, String)> {
         match self.curves.axes[axis] {
             Axis::Linear => {
@@ -170,7 +170,7 @@ impl<'a> Plot<'a> {
             .max(1.0) as usize
     }
 
-    /// The lower end as a value.
+    /// The lower end of an axis as a value.
     fn shown_low(&self, axis: usize) -> f64 {
         match self.curves.axes[axis] {
             Axis::Linear => self.low[axis],
@@ -269,7 +269,7 @@ impl Drawing for Plot<'_> {
     }
 }
 
-/// A different mark for each curve: discs, squares, triangles, crosses.
+/// The mark of a curve: a disc, square, triangle or cross.
 fn mark<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     curve: usize,
@@ -277,7 +277,7 @@ fn mark<DB: DrawingBackend>(
     colour: RGBColor,
 ) -> Result<(), PictureError> {
     let r = 3.6;
-    // a ninth curve has the first one's colour and a different mark
+    // a ninth curve has the first one's colour, but a different mark
     match (curve + curve / COLOURS.len()) % 4 {
         0 => pen.area(&round([x, y], r), colour),
         1 => pen.area(&rectangle([x - r, y - r], [x + r, y + r]), colour),

@@ -15,7 +15,7 @@ pub struct WorkPoint {
     pub name: String,
     /// Time per frame, ms.
     pub ms: f64,
-    /// The accuracy, 0 to 1, upwards.
+    /// The accuracy, 0 to 1, drawn upwards.
     pub value: f64,
     /// Additional text for the label.
     pub words: String,

@@ -10,11 +10,11 @@ use crate::raster::check_size;
 pub(crate) const FINER: usize = 2;
 /// Resolution of lines and text in an SVG per point (plotters uses integers only).
 pub(crate) const GRAIN: f64 = 4.0;
-/// plotters draws text in bitmaps too high by this fraction of its size, in SVGs correctly.
+/// plotters draws text in bitmaps too high by this fraction of its size; in SVGs its position is correct.
 pub(crate) const SINK: f64 = 0.1;
 
-/// The words by which the name of a method is recognised, and its colour in every figure; the first row whose words all
-/// occur decides.
+/// The words by which the name of a method is recognised, and its colour in every figure. The first row of which all
+/// words occur in the name is used.
 const METHODS: [(&[&str], RGBColor); 10] = [
     (&["best"], RGBColor(190, 30, 50)),
     (&["one-step", "loss"], RGBColor(200, 80, 0)),
@@ -28,7 +28,7 @@ const METHODS: [(&[&str], RGBColor); 10] = [
     (&["deep"], RGBColor(0, 150, 165)),
 ];
 
-/// The colour of a curve or point: of the method that its name contains, otherwise that of its index.
+/// The colour of a curve or point: that of the method whose words its name contains, otherwise that of its index.
 pub(crate) fn colour_of(name: &str, index: usize) -> RGBColor {
     let name = name.to_lowercase();
     METHODS

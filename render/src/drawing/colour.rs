@@ -1,5 +1,5 @@
-//! The common colour scale: zero almost white, loss to blue, gain to a pale grey-brown, because a load never raises the
-//! conductance: a gain is an artefact of the reconstruction.
+//! The common colour scale: zero almost white, loss to blue, gain to a pale grey-brown. A load never raises the
+//! conductance, so that a gain is an artefact of the reconstruction.
 
 /// Red, green, blue, 0 to 255 (sRGB).
 pub type Rgb = [u8; 3];
@@ -22,8 +22,8 @@ const GAIN: [Rgb; 5] = [
     [188, 170, 149],
 ];
 
-/// The colour of a share of the scale: 0 is zero, -1 the largest loss, 1 the largest gain; values beyond take the end's
-/// colour. `None` for NaN.
+/// The colour of a share of the scale: 0 is zero, -1 the largest loss, 1 the largest gain; values beyond an end have
+/// its colour. `None` for NaN.
 pub fn colour(share: f64) -> Option<Rgb> {
     if share.is_nan() {
         return None;

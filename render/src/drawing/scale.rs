@@ -26,8 +26,8 @@ pub struct Range {
 const GREY_KPA: f64 = 100.0;
 
 impl Range {
-    /// The range for one or more maps. For [`Scale::Own`] and maps without a value: a loss of one per cent, or one unit
-    /// as displayed.
+    /// The range for one or more maps. With [`Scale::Own`] and no value except 0: a loss of one per cent, or one
+    /// displayed unit.
     ///
     /// # Errors
     /// Fixed ends that are not ascending or not finite; maps with different units.
@@ -86,7 +86,8 @@ impl Range {
         Ok(Self { grey, ..range })
     }
 
-    /// One range for the maps of a film: that of those that show something above their noise.
+    /// One range for the maps of a film: that of the maps that show something above their noise, or of the first map if
+    /// none does.
     ///
     /// # Errors
     /// As [`Range::of`].

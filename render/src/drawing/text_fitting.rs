@@ -2,7 +2,7 @@
 
 use crate::PictureError;
 
-/// Text broken at the last space that lets the first line fit; the second line is cut to fit.
+/// Text on two lines, broken at the last space at which the first line fits; the second line is cut to fit.
 pub(crate) fn two_lines(
     words: &str,
     available: f64,

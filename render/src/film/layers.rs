@@ -1,4 +1,4 @@
-//! The pictures of a film: what is the same in all of them is drawn once.
+//! The pictures of a film: the parts that are the same in all of them are drawn once.
 
 use plotters::prelude::*;
 use survey::Map;
@@ -13,24 +13,24 @@ use crate::{PictureError, Range, Rgb, Sheet, Style};
 /// No triangle.
 const NONE: u32 = u32::MAX;
 
-/// All sizes and places in fine pixels, of which [`FINER`] by [`FINER`] become one.
+/// All sizes and positions are in fine pixels; [`FINER`] by [`FINER`] of them become one pixel of the picture.
 pub(crate) struct Layers {
     sheet: Sheet,
     range: Range,
     width: usize,
     height: usize,
-    /// Everything but triangles, title and marks: red, green and blue of each pixel.
+    /// Everything but triangles, title and marks, drawn on the sheet: red, green and blue of each pixel.
     fixed: Vec<u8>,
-    /// The pixels of triangles: pixel and triangle, in the order of pixels.
+    /// The pixels that show only a triangle: pixel and triangle, in the order of pixels.
     triangles: Vec<(u32, u32)>,
-    /// Lines and text over triangles: pixel, triangle, and what they look like over black and over white.
+    /// The pixels with lines or text over a triangle: pixel, triangle, and the colours over black and over white.
     over: Vec<(u32, u32, Rgb, Rgb)>,
     /// The picture being drawn.
     canvas: Vec<u8>,
 }
 
 impl Layers {
-    /// `style`: marks to explain.
+    /// `style`: the marks that the legend explains.
     pub(crate) fn new(sheet: &Sheet, range: Range, style: &Style) -> Result<Self, PictureError> {
         let map = empty(sheet, range);
         let page = Page::with_range(sheet, &map, style, range)?;

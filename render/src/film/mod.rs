@@ -1,7 +1,7 @@
 //! Films: maps of one sheet, one after the other, as an animated PNG (APNG) with 255 colours.
 //!
-//! Layout and colours are those of [`png()`](crate::png()). What does not change is drawn once; a picture holds the pixels that
-//! differ from the one before.
+//! Layout and colours are those of [`png()`](crate::png()). What does not change is drawn once; a picture contains only
+//! the pixels that differ from the previous picture.
 
 mod layers;
 mod palette;
@@ -30,13 +30,13 @@ pub struct Film<W: Write> {
     layers: Layers,
     palette: Palette,
     size: [usize; 2],
-    /// The picture before, an index a pixel; empty before the first.
+    /// The previous picture, a palette index for each pixel; empty before the first one.
     before: Vec<u8>,
 }
 
 impl<W: Write> Film<W> {
-    /// Begins a film that repeats without end. `range`: the scale of all maps ([`Range::of`]); `style`: marks to explain and the
-    /// label of a simulation.
+    /// Begins a film that repeats without end. `range`: the scale of all maps ([`Range::of_film`]); `style`: the marks
+    /// that the legend explains, and the label of a simulation.
     ///
     /// # Errors
     /// A sheet without area; no picture; a sink that cannot be written to.
@@ -56,7 +56,7 @@ impl<W: Write> Film<W> {
         encoder.set_palette(palette.bytes());
         encoder.set_trns(palette.opacities());
         encoder.set_deflate_compression(png::DeflateCompression::Level(2));
-        // flat areas: filters would only hide repeated bytes from the compression
+        // in flat areas, filters would only hide repeated bytes from the compression
         encoder.set_filter(png::Filter::NoFilter);
         encoder.validate_sequence(true);
         encoder.set_animated(pace.pictures, 0).map_err(failed)?;
@@ -96,7 +96,7 @@ impl<W: Write> Film<W> {
         let [[left, top], [width, height]] =
             [part.corner, part.size].map(|pair| pair.map(|n| n as u32));
         let writer = &mut self.writer;
-        // the position first: a box must lie in the picture at every moment
+        // the position first: the box must be inside the picture at every moment
         writer.reset_frame_position().map_err(failed)?;
         writer.set_frame_dimension(width, height).map_err(failed)?;
         writer.set_frame_position(left, top).map_err(failed)?;
@@ -112,7 +112,7 @@ impl<W: Write> Film<W> {
     }
 }
 
-/// The box that holds all pixels of a picture that differ from the one before; the others in it are transparent.
+/// The box that contains all pixels that differ from the previous picture; the other pixels in it are transparent.
 struct Part {
     corner: [usize; 2],
     size: [usize; 2],
@@ -131,7 +131,7 @@ impl Part {
                 high = [high[0].max(column + 1), row + 1];
             }
         }
-        // a picture has at least one pixel
+        // APNG requires at least one pixel in a picture
         if high == [0; 2] {
             (low, high) = ([0; 2], [1; 2]);
         }

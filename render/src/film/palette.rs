@@ -3,14 +3,14 @@
 use crate::chart::ALARM;
 use crate::{Range, Rgb};
 
-/// The index of a pixel that shows the picture before: 0, whose runs compress best.
+/// The index of a pixel that keeps the colour of the previous picture: 0, because runs of 0 compress best.
 pub(crate) const TRANSPARENT: u8 = 0;
-/// Colours of losses and of gains, shades of grey, and of the label.
+/// Number of colours of losses, of gains, of greys and of the label.
 const LOSSES: usize = 144;
 const GAINS: usize = 40;
 const GREYS: usize = 52;
 const LABELS: usize = 19;
-/// Bits of a channel in the table of the nearest colours.
+/// Bits of a channel in the table of nearest colours.
 const BITS: u32 = 6;
 
 pub(crate) struct Palette {
@@ -25,7 +25,7 @@ impl Palette {
     pub(crate) fn new(range: &Range) -> Self {
         let mut colours: Vec<Rgb> = vec![[255; 3]];
         let steps = |count: usize| (0..count).map(move |k| k as f64 / (count - 1) as f64);
-        // colours depend on the share of the larger end only
+        // the colour depends only on the value relative to the larger end
         let largest = range.low.abs().max(range.high) * range.unit.load(1.0).signum();
         let scale = |share: f64| {
             Range {
@@ -49,7 +49,7 @@ impl Palette {
             .map(|cell| {
                 let channel = |place: u32| {
                     let part = (cell >> (place * BITS)) & ((1 << BITS) - 1);
-                    // the darkest cell is black, the lightest white
+                    // so that the darkest cell is black and the lightest white
                     (part * 255 / ((1 << BITS) - 1)) as i32
                 };
                 let centre = [channel(2), channel(1), channel(0)];
@@ -65,7 +65,7 @@ impl Palette {
         Self { colours, nearest }
     }
 
-    /// The indices of red, green and blue of each pixel.
+    /// The palette indices of pixels, each red, green and blue.
     pub(crate) fn indices(&self, pixels: &[u8]) -> Vec<u8> {
         let (pixels, _) = pixels.as_chunks::<3>();
         pixels.iter().map(|pixel| self.index(*pixel)).collect()
@@ -84,7 +84,7 @@ impl Palette {
         self.colours.concat()
     }
 
-    /// The opacities of the first colours; all others are opaque.
+    /// The opacities of the first palette entries; all others are opaque.
     pub(crate) fn opacities(&self) -> Vec<u8> {
         vec![0]
     }

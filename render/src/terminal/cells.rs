@@ -1,4 +1,4 @@
-//! A map as cells: a sign with its colours each.
+//! A map as character cells with colours.
 
 use std::fmt::Write;
 
@@ -26,7 +26,7 @@ pub enum CellColour {
     Indexed(u8),
 }
 
-/// One character cell. Without a colour it has the terminal's own.
+/// One character cell. Without a colour it has the terminal's default colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TerminalCell {
     /// The character.
@@ -39,7 +39,7 @@ pub struct TerminalCell {
     pub bold: bool,
 }
 
-/// The colour scale of a map.
+/// The colour scale of a map in a terminal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TerminalScale {
     /// Cells from the lowest to the highest value.
@@ -48,7 +48,7 @@ pub struct TerminalScale {
     pub low: String,
     /// The highest value, with its unit.
     pub high: String,
-    /// What the values are.
+    /// The displayed quantity, without its unit.
     pub unit: &'static str,
 }
 
@@ -61,8 +61,8 @@ pub struct TerminalMap {
     pub scale: TerminalScale,
 }
 
-/// A map as cells, as large as fits into `columns` and `rows`; at least one cell of sheet within its margin. `marks`: short
-/// texts at positions of the sheet, m.
+/// A map as cells, as large as fits into `columns` and `rows`, with at least one cell of sheet within its margin.
+/// `marks`: short texts at positions of the sheet, m.
 ///
 /// # Errors
 /// A map of another sheet, a sheet without area, an invalid scale.
@@ -92,7 +92,8 @@ pub fn terminal_map(
     })
 }
 
-/// Columns and rows of the sheet: the largest that keep its shape. A cell is about twice as high as wide: two square pixels.
+/// Columns and rows of the sheet: the largest that keep its shape. A cell is about twice as high as wide: two square
+/// pixels.
 pub(super) fn fitting(extent: Extent, columns: usize, rows: usize) -> (usize, usize) {
     let shape = extent.height() / extent.width();
     let high = (columns as f64 * shape / 2.0).round() as usize;
@@ -103,7 +104,7 @@ pub(super) fn fitting(extent: Extent, columns: usize, rows: usize) -> (usize, us
     (columns.max(1), rows.max(1))
 }
 
-/// The scale of a map, so many cells wide.
+/// The scale of a map, `width` cells wide.
 pub(super) fn scale_cells(map: &Map, range: &Range, width: usize, ink: Ink) -> TerminalScale {
     let [(least, under), (most, over)] = range.ends();
     let value = |cell: usize| least + (cell as f64 + 0.5) / width as f64 * (most - least);
@@ -118,7 +119,7 @@ pub(super) fn scale_cells(map: &Map, range: &Range, width: usize, ink: Ink) -> T
     }
 }
 
-/// Cells as text with escape sequences, which end with the terminal's own colours.
+/// Cells as text with escape sequences; the text ends with the terminal's default colours.
 pub(super) fn written(cells: &[TerminalCell]) -> String {
     let mut text = String::new();
     let mut coloured = false;
@@ -141,7 +142,7 @@ impl TerminalCell {
         }
     }
 
-    /// Writes the cell. `coloured`: whether the terminal has other colours than its own.
+    /// Writes the cell. `coloured`: whether the terminal has other colours than its default ones.
     fn write(self, text: &mut String, coloured: &mut bool) {
         if self.back.is_none() && std::mem::take(coloured) {
             text.push_str("\u{1b}[0m");
@@ -171,7 +172,7 @@ pub(super) struct Canvas {
     columns: usize,
     rows: usize,
     pixels: Vec<Option<f64>>,
-    /// A margin of [`MARGIN`] columns and one row around the sheet.
+    /// The characters, with a margin of [`MARGIN`] columns and one row around the sheet.
     signs: Vec<Option<char>>,
 }
 
@@ -207,7 +208,7 @@ impl Canvas {
         }
     }
 
-    /// A short text centred on a position of the sheet.
+    /// Writes a short text centred on a position of the sheet.
     pub(super) fn mark(&mut self, place: [f64; 2], text: &str) {
         let (column, row) = self.cell(place);
         let first = (column + MARGIN).saturating_sub(text.chars().count() / 2);
@@ -216,7 +217,7 @@ impl Canvas {
         }
     }
 
-    /// Strokes over the part of the rim where a load lies.
+    /// Draws strokes over the part of the rim where a load is.
     pub(super) fn hatch(&mut self, sheet: &Sheet, map: &Map) {
         let Some(rim) = Rim::loaded(sheet, map) else {
             return;
@@ -235,7 +236,7 @@ impl Canvas {
         }
     }
 
-    /// Each electrode's number next to the nearest side of the sheet.
+    /// Writes each electrode's number next to the nearest side of the sheet.
     pub(super) fn number(&mut self, sheet: &Sheet) {
         let mut taken = vec![false; self.signs.len()];
         for (index, &place) in sheet.electrodes.iter().enumerate() {
@@ -260,7 +261,7 @@ impl Canvas {
             let stride = self.columns + 2 * MARGIN;
             let first = (row * stride + column).saturating_sub(1);
             let last = (row * stride + column + number.len()).min(taken.len() - 1);
-            // In a narrow picture, overlapping numbers are omitted.
+            // in a narrow picture, overlapping numbers are omitted
             if taken[first..=last].iter().any(|taken| *taken) {
                 continue;
             }
@@ -360,7 +361,7 @@ fn plain_sign(value: Option<f64>, range: &Range) -> char {
     char::from(signs[place.round() as usize])
 }
 
-/// The nearest of xterm's colour cube and grey ramp.
+/// The index of the nearest colour in xterm's colour cube and grey ramp.
 fn nearest(colour: Rgb) -> u8 {
     const LEVELS: [u8; 6] = [0, 95, 135, 175, 215, 255];
     let level = |channel: u8| {

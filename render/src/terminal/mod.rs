@@ -47,9 +47,9 @@ impl Default for TerminalStyle {
     }
 }
 
-/// Wider pictures are too high for a screen.
+/// Most columns of the sheet: a wider picture would be too high for a screen.
 const WIDEST: usize = 72;
-/// Minimum rows of the sheet, if the height allows, before hot spots are listed.
+/// Minimum rows of the sheet before hot spots are listed, if the height allows.
 const FEWEST_ROWS: usize = 10;
 /// Maximum number of hot spots listed.
 const SPOTS: usize = 3;
@@ -76,7 +76,7 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
     spots.truncate(SPOTS);
     let mut most = available;
     if let Some(height) = style.height {
-        // caption, title, two rows of numbers, three lines of scale
+        // caption, title, two rows of electrode numbers, three lines of scale
         let around = 6 + usize::from(has_title(&style.style));
         let named = [
             style.style.found.is_some(),
