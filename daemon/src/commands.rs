@@ -1,4 +1,5 @@
-//! What `tactusd` does instead of serving: `--safe-off`, `--print-config`, `--discover`, `--plan`; and its output.
+//! The commands of `tactusd` other than serving (`--safe-off`, `--print-config`, `--discover`, `--plan`), and its
+//! output.
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -54,7 +55,7 @@ pub(crate) fn print_config(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `--discover`: before there is a configuration.
+/// `--discover`: needs no configuration.
 pub(crate) fn print_found(addresses: &[String], json: bool) -> Result<(), Failure> {
     let addresses: Result<Vec<InstrumentAddress>, BadAddress> =
         addresses.iter().map(|address| address.parse()).collect();
@@ -131,7 +132,7 @@ pub(crate) fn print_plan(prepared: &Prepared, json: bool) -> Result<(), Failure>
     Ok(())
 }
 
-/// Problems of a configuration, one a line.
+/// The problems of a configuration as a failure, one per line.
 pub(crate) fn of_problems(problems: &[Problem]) -> Failure {
     let lines = problems.iter().map(ToString::to_string);
     let lines: Vec<String> = lines
@@ -150,7 +151,7 @@ pub(crate) fn report_failure((code, text): &Failure, json: bool) -> ExitCode {
     };
     let line = match json {
         true => survey::error_line(kind, *code, text),
-        // each problem begins with its file
+        // each problem begins with the name of its file
         false if *code == CONFIGURATION => text.clone(),
         false => format!("tactusd: {}", survey::printable_lines(text)),
     };

@@ -1,21 +1,22 @@
-//! The daemon `tactusd`, as a library whose one entry point is [`run`].
+//! The daemon `tactusd`, as a library. [`run`] is its entry point; the other public functions describe the command
+//! line, the events and the metrics for reference pages.
 //!
-//! It owns the instruments (or plays a recording), runs sessions by a schedule, subtracts a baseline from each frame,
-//! reconstructs, records, and publishes. It never substitutes a simulator for a missing instrument, never publishes a
-//! frame before it is durable, and no client can delay acquisition.
+//! The daemon owns the instruments (or plays a recording), runs sessions by a schedule, subtracts a baseline from each
+//! frame, reconstructs, records, and publishes. It never substitutes a simulator for a missing instrument, and never
+//! publishes a frame before it is durable. No client can delay acquisition.
 //!
-//! - **preparation**: resolves a configuration without touching an instrument
-//! - **instruments**: which instruments the rig has, self-test, relay wear, discovery
-//! - **session**: the controller, and the states of a session as a pure state machine
+//! - **preparation**: resolves a configuration without connecting to an instrument
+//! - **instruments**: addresses, locks, identities and assembly of a rig, relay wear, discovery
+//! - **session**: the controller, and the states of the daemon as a pure state machine
 //! - **acquisition**: the frames of one session
-//! - **recording**: maps, sinks (the logbook first), the sessions on disk
-//! - **service**: D-Bus objects, access, the full-rate stream
+//! - **recording**: maps, sinks (the logbook first), the full-rate stream, the sessions on disk
+//! - **service**: D-Bus objects, access control, limits
 //! - **events**: kinds of events, the daemon's log, the journal; **monitoring**: status, metrics, notifications
 //! - **alarms**: the daemon's problems and the rules of `[[alarm]]`, judged by one state machine
 //! - **panics**: the consequences of a panic in each kind of task
 //!
 //! ```
-//! // what the command line does: `--version` ends well
+//! // runs a command line; `--version` succeeds
 //! let args = ["tactusd", "--version"].map(std::ffi::OsString::from);
 //! assert_eq!(daemon::run(args.into_iter()), std::process::ExitCode::SUCCESS);
 //! ```
@@ -64,11 +65,12 @@ use survey::error_chain as chain;
 /// Program and version, as records name them.
 pub(crate) const BUILD: &str = concat!("tactusd ", env!("CARGO_PKG_VERSION"));
 
-/// Permissions removed from all files that the daemon creates: writing for the group, everything for others.
+/// Permissions removed from all files that the daemon creates: write access for the group, all access for others.
 const UMASK: Mode = Mode::WGRP.union(Mode::RWXO);
 
-/// Threads for blocking work: the session's disk, simulated instruments. Reading for clients has separate threads.
-/// Without a limit, a million frames beside compilers started 28 threads, with 2 MB of memory.
+/// Maximum number of threads for blocking work: the session's disk, simulated instruments. Reading for clients has
+/// separate threads. Without a limit, a session of a million frames on a machine that also ran compilers started 28
+/// threads, with 2 MB of memory.
 const BLOCKING: usize = 12;
 
 /// The definition of the command line: every command and option, for reference pages and completions.
@@ -95,7 +97,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// Does what the command line requests: one of the commands, or serves.
+/// Runs the command that the command line requests, or serves.
 fn perform(args: &Args) -> Result<(), Failure> {
     if let Some(folder) = &args.man {
         let written = man::write(folder);
@@ -134,7 +136,7 @@ fn perform(args: &Args) -> Result<(), Failure> {
         return print_plan(&prepared, args.json);
     }
     if serves && let Some(problem) = prepared.closed_record() {
-        // its disk may be mounted later: the unit starts the daemon again
+        // the disk of the record may be mounted later: the systemd unit starts the daemon again
         return Err((FAILED, problem.to_string()));
     }
     // records are readable by their group and not by others, also if a user starts the daemon
@@ -169,7 +171,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let mut terminate = signal(SignalKind::terminate()).map_err(|cause| cause.to_string())?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(|cause| cause.to_string())?;
     let mut hangup = signal(SignalKind::hangup()).map_err(|cause| cause.to_string())?;
-    // exceeding a file size limit is an error of the write, and does not end the process
+    // with a handler, exceeding a file size limit is an error of the write and does not end the process
     let _file_size =
         signal(SignalKind::from_raw(libc::SIGXFSZ)).map_err(|cause| cause.to_string())?;
     let panics = crate::panics::hook::listen();
@@ -182,7 +184,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         .map_err(|error| chain(&error))?;
     let mut locks = crate::instruments::lock::InstrumentLocks::default();
     if let FramesFrom::Rig(plan) = &prepared.frames {
-        // before anything is sent to an instrument
+        // locked before anything is sent to an instrument
         locks = locks
             .of_rig(&plan.instruments)
             .map_err(|error| error.to_string())?;
@@ -204,7 +206,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
                     if assembled.closed.is_some()
                         && is_left_by_killed_daemon(&prepared, &assembled, &records) =>
                 {
-                    // closes its connections first: a source accepts only one
+                    // the connections are closed first: a source accepts only one
                     let was = assembled.closed.clone();
                     drop(assembled);
                     opened = was;
@@ -273,7 +275,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         );
         controller.report(None, EventKind::Opened, &text).await;
     }
-    // a record that takes long to read delays neither readiness nor a stop
+    // a record that takes long to read is read in the background: it delays neither readiness nor a stop
     let reads = controller.has_much_to_read();
     let goes_on = !reads && controller.resume_interrupted().await;
     tracing::info!("ready on {}", listener.descriptions.join(", "));
@@ -315,7 +317,8 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     safe
 }
 
-/// The index of the record's directory, after removing what killed daemons left in it.
+/// The index of the record's directory, after files that killed daemons left there have been removed, or folded into
+/// their sessions.
 async fn clean_index(directory: std::path::PathBuf) -> Result<Records, String> {
     let read = move || {
         let records = Records::of(&directory);
@@ -354,11 +357,12 @@ async fn clean_index(directory: std::path::PathBuf) -> Result<Records, String> {
     Ok(records)
 }
 
-/// Whether a killed daemon explains closed relays: it recorded here with the same instruments, a short while ago.
+/// Whether closed relays were left by a killed daemon: the record has an interrupted session with the same instruments,
+/// whose last frame is at most `record.resume_within_h` old.
 fn is_left_by_killed_daemon(prepared: &Prepared, assembled: &Assembled, records: &Records) -> bool {
     let within_h = prepared.setup.config.record.resume_within_h;
     let now = SystemClock::new().wall();
-    // a day more, in case the file system's clock differs
+    // files are searched for one more day, in case the file system's clock differs
     let since = chrono::TimeDelta::try_milliseconds(((within_h + 24.0) * 3.6e6) as i64)
         .and_then(|span| now.checked_sub_signed(span))
         .unwrap_or(chrono::DateTime::<chrono::Utc>::MIN_UTC);
@@ -379,7 +383,8 @@ fn is_left_by_killed_daemon(prepared: &Prepared, assembled: &Assembled, records:
     })
 }
 
-/// Starts what is scheduled; if reading the record takes long, reads it first and resumes what was interrupted.
+/// Starts the scheduled session if `start` is set. If `reads` is set, first reads the record and resumes an interrupted
+/// session, which is then not followed by a start.
 async fn begin(controller: std::sync::Arc<Controller>, start: bool, reads: bool) {
     let mut goes_on = false;
     if reads {
@@ -395,7 +400,7 @@ async fn begin(controller: std::sync::Arc<Controller>, start: bool, reads: bool)
     }
 }
 
-/// SIGHUP: also notifies systemd, whose notify-reload waits for it.
+/// Reloads the configuration on SIGHUP, and notifies systemd of the beginning and the end (`Type=notify-reload`).
 async fn reload(controller: &std::sync::Arc<Controller>) {
     let mut begins = vec![NotifyState::Reloading];
     begins.extend(NotifyState::monotonic_usec_now().ok());

@@ -6,7 +6,7 @@ use std::path::Path;
 use clap_mangen::roff::{Roff, bold, roman};
 use outfile::{Existing, OutFileError};
 
-/// The complete example, which has every key.
+/// The complete example configuration, which has every key.
 const EXAMPLE: &str = include_str!("../../config.toml");
 
 /// Writes `tactusd.8` and `tactus.toml.5`.

@@ -39,9 +39,11 @@ fuzz_target!(|bytes: &[u8]| {
     );
 });
 
-/// Each edit names a line and what to do with it. Sections keep their order, so that most edits stay valid.
+/// Applies the fuzzer's edits to the shipped file. Each edit names a line and an operation. Sections keep their order,
+/// so that most results are valid.
 fn edited(mut orders: &[u8]) -> Vec<u8> {
-    // Accepted configurations are prepared: a small tank takes a thousandth of the time of a sheet.
+    // Accepted configurations are prepared, which takes a thousandth of the time for a small tank, compared with a
+    // sheet.
     let small = SHIPPED
         .replace("preset = \"paper-sheet\"", "preset = \"disc-tank\"")
         .replace("# [geometry.disc-tank]", "[geometry.disc-tank]")
@@ -62,12 +64,12 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
             .position(|byte| *byte == b'=')
             .map_or(0, |at| at + 1);
         match order % 8 {
-            // Another value.
+            // Replaces the value.
             0..3 => {
                 line.truncate(value);
                 line.extend(new);
             }
-            // Another number: digits in place of the first number of the line.
+            // Replaces the first number of the line.
             3 => {
                 let from = line
                     .iter()
@@ -82,7 +84,7 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
                     .map(|byte| b"0123456789.-e_"[usize::from(*byte) % 14]);
                 line.splice(from..from + to, number);
             }
-            // An example in a comment becomes a line.
+            // Activates an example in a comment.
             4 | 5 if line.starts_with(b"# ") => drop(line.drain(..2)),
             4 | 5 => line.clear(),
             6 => {
@@ -99,7 +101,7 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
     lines.join(&b'\n')
 }
 
-/// Without the printed messages: they are many.
+/// Runs `work` with standard output and standard error redirected to `/dev/null`.
 fn quietly<T>(work: impl FnOnce() -> T) -> T {
     let null = File::options()
         .write(true)
@@ -119,7 +121,7 @@ fn quietly<T>(work: impl FnOnce() -> T) -> T {
 }
 
 fn begin() -> PathBuf {
-    // Messages of panics go here while standard error is redirected.
+    // The panic hook restores this copy of standard error, which may be redirected.
     let stderr = rustix::io::dup(std::io::stderr()).expect("standard error");
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

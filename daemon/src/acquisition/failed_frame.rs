@@ -16,7 +16,7 @@ pub(crate) fn describe(error: &AcquireError) -> String {
     let mut reported = vec![what(cause)];
     let mut reasons: Vec<String> = why(cause).into_iter().collect();
     if let Some(cleanup) = error.cleanup() {
-        // an instrument that is gone fails in the cleanup too: it is reported once
+        // an instrument whose connection was lost also fails in the cleanup; the loss is reported once
         let same_wire = |other: &&RigError| !(is_wire(cause) && is_wire(other));
         let failed = [&cleanup.source, &cleanup.relays].into_iter().flatten();
         reasons.extend(failed.filter(same_wire).map(what));

@@ -21,7 +21,7 @@ pub(crate) struct Measuring {
 }
 
 impl Measuring {
-    /// Ranges from the baseline that the session measures against, where the rig plans them.
+    /// Sets the ranges from the session's baseline, if the rig plan has a rule for ranges.
     pub(crate) fn of(requested: Option<Arc<RigPlan>>, baseline: Option<&Baseline>) -> Self {
         let requested = requested.map(|mut requested| {
             if let Some((rule, baseline)) = requested.ranges.clone().zip(baseline) {
@@ -42,7 +42,7 @@ impl Measuring {
     }
 
     /// Takes one frame; if one is due, first takes a zero-current frame, which is subtracted from the following frames.
-    /// The readings of injections are sent without that.
+    /// The readings sent to `injections` are not corrected.
     pub(crate) async fn frame(
         &mut self,
         rig: &AnyRig,
@@ -68,14 +68,14 @@ impl Measuring {
         Ok(self.corrected(frame))
     }
 
-    /// The frame without the offsets of the last zero-current frame; readings over range are measured with wider ranges from the
-    /// next frame on, after a new zero-current frame: an offset is that of its range.
+    /// Subtracts the last zero-current frame. Readings over range get wider ranges from the next frame on; a new
+    /// zero-current frame is taken first, because an offset is valid only for its range.
     fn corrected(&mut self, mut frame: Frame) -> Frame {
         let widened = self.widen(&frame);
         if let Some((zero, served)) = &mut self.zero {
             *served += 1;
             if let Err(error) = frame.subtract(zero) {
-                // both come from one plan
+                // not expected: both frames have the same plan
                 tracing::error!("{error}");
             }
         }
@@ -85,7 +85,8 @@ impl Measuring {
         frame
     }
 
-    /// Gives readings over range the next larger range, where the rig plans ranges; returns whether any has changed.
+    /// Gives readings over range the next larger range, if the rig plan has a rule for ranges; returns whether any
+    /// range has changed.
     fn widen(&mut self, frame: &Frame) -> bool {
         let overloaded: Vec<usize> = frame
             .readings

@@ -73,8 +73,8 @@ impl Recording {
         Ok(Some(due))
     }
 
-    /// When a frame with these times is due at the recorded rate. Where the session was resumed by the next daemon, whose clock
-    /// began anew, the wall clock is used.
+    /// When a frame with these times is due at the recorded rate. If the monotonic clock went back, because the session
+    /// was resumed by the next daemon, the wall clock is used.
     fn offset(&self, (at, wall): Taken) -> Duration {
         let Some((due, (before, wall_before))) = self.last else {
             return Duration::ZERO;

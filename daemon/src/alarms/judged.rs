@@ -37,7 +37,7 @@ pub(super) fn by_frame(rule: &AlarmSettings, found: &FrameQuantities) -> Option<
     })
 }
 
-/// Whether a quantity exists only where a load lies.
+/// Whether a quantity is defined only where there is a load.
 fn needs_load(quantity: Quantity) -> bool {
     use Quantity::{CentreX, CentreY, Dispersion, Mean, Speed, Variation};
     matches!(
@@ -46,8 +46,8 @@ fn needs_load(quantity: Quantity) -> bool {
     )
 }
 
-/// The judgement of a rule between frames; `None` where it stays as the last frame left it.
-/// `quiet_s`: time since the last frame with quantities, or since the session began.
+/// The judgement of a rule between frames; `None` if the judgement by the last frame remains valid. `quiet_s`: time
+/// since the last frame with quantities, or since the session began.
 pub(super) fn by_health(
     rule: &AlarmSettings,
     health: &Health,
@@ -88,7 +88,7 @@ pub(super) fn by_health(
     })
 }
 
-/// What a rule on a quantity makes of the time without a frame.
+/// The judgement of a rule on a quantity without a new frame; `None` if the judgement by the last frame remains valid.
 fn without_frame(session: Option<&Running>, quiet_s: Option<f64>) -> Option<Judgement> {
     let suppressed = |why: &str| Some(Judgement::Suppressed(why.to_owned()));
     let session = match session {
@@ -181,7 +181,7 @@ mod tests {
             Judgement::Unknown(why) => why,
             other => panic!("{other:?}"),
         };
-        // a value that is not known to be true gives no judgement
+        // a value that may be wrong is not judged
         let doubtful = frame(false, &[(Quantity::Ppi, 0.15), (Quantity::Known, 0.0)]);
         assert!(unknown(ppi, &doubtful).contains("drift"));
         assert!(unknown(&format!("{ppi}unit = \"kPa\"\n"), &loaded).contains("calibration"));

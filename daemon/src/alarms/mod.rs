@@ -1,5 +1,5 @@
 //! The daemon's alarms: its own problems and the rules of `[[alarm]]` are judged by one state machine (crate `alarms`),
-//! whose state lies beside the sessions and survives a restart. A change is stored before it is reported.
+//! whose state is stored in the record's folder and survives a restart. A change is stored before it is reported.
 
 mod judged;
 pub(crate) mod sink;
@@ -25,7 +25,7 @@ use crate::monitoring::notices::{Message, Notices};
 const FILE: &str = "alarms.json";
 /// Name of a file that could not be read, kept for people.
 const DAMAGED: &str = "alarms.json.damaged";
-/// Frames that may wait to be judged; further ones are not judged, and the next one is.
+/// Maximum number of frames that wait to be judged. A frame that arrives while the queue is full is not judged.
 const QUEUE: usize = 64;
 
 /// All alarms of the daemon.
@@ -33,7 +33,7 @@ const QUEUE: usize = 64;
 pub(crate) struct AlarmDesk {
     path: PathBuf,
     desk: tokio::sync::Mutex<Desk>,
-    /// The alarms after the last change, for those who only look.
+    /// The alarms after the last change, readable without waiting for a change in progress.
     shown: Mutex<Arc<Shown>>,
     frames: mpsc::Sender<JudgedFrame>,
     waiting: Mutex<Option<mpsc::Receiver<JudgedFrame>>>,
@@ -50,7 +50,7 @@ struct Desk {
     unstored: bool,
 }
 
-/// Alarms and the rules that they follow.
+/// Alarms and their rules.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Shown {
     pub alarms: Alarms,
@@ -63,12 +63,12 @@ pub(crate) struct Change {
     pub kind: EventKind,
     /// Name of the alarm, cause and value.
     pub text: String,
-    /// Whether it belongs into the record of the running session.
+    /// Whether it is written to the record of the running session.
     pub of_session: bool,
 }
 
 impl AlarmDesk {
-    /// Continues with the stored state of this directory; with what has to be reported.
+    /// Loads the stored state from this directory. Also returns a change to report if the state could not be read.
     pub(crate) fn open(directory: &Path, config: &Config) -> (Self, Option<Change>) {
         let path = directory.join(FILE);
         let (mut alarms, remark) = match recall(&path) {
@@ -99,19 +99,19 @@ impl AlarmDesk {
         (desk, remark)
     }
 
-    /// Takes the rules of another configuration.
+    /// Replaces the rules by those of this configuration.
     pub(crate) async fn take_rules(&self, config: &Config) {
         let mut desk = self.desk.lock().await;
         desk.take_rules(&config.alarm);
         self.show(&desk);
     }
 
-    /// Where the frames of a session are sent.
+    /// The sender for the frames to be judged.
     pub(crate) fn frames(&self) -> mpsc::Sender<JudgedFrame> {
         self.frames.clone()
     }
 
-    /// The frames to judge; the first caller takes them.
+    /// The frames to judge; `None` after the first call.
     pub(crate) fn take_frames(&self) -> Option<mpsc::Receiver<JudgedFrame>> {
         locked(&self.waiting).take()
     }
@@ -138,7 +138,7 @@ impl AlarmDesk {
         self.keep(&mut desk, transitions).await
     }
 
-    /// Judges everything by the health of the daemon, and says which notifications are due.
+    /// Judges all alarms by the health of the daemon. Returns the changes and the notifications that are due.
     pub(crate) async fn judge_health(
         &self,
         at_s: f64,
@@ -165,7 +165,7 @@ impl AlarmDesk {
         (changes, due)
     }
 
-    /// Carries out the order of a person.
+    /// Carries out an operator's order.
     ///
     /// # Errors
     /// There is no such alarm, or its state does not allow the order.
@@ -182,7 +182,7 @@ impl AlarmDesk {
         Ok(self.keep(&mut desk, vec![done]).await)
     }
 
-    /// Stores the state after a change, and returns the events that are due then.
+    /// Stores the state after a change, and returns the changes to report.
     async fn keep(&self, desk: &mut Desk, transitions: Vec<Transition>) -> Vec<Change> {
         self.show(desk);
         if transitions.is_empty() {
@@ -232,13 +232,13 @@ impl Desk {
             .collect()
     }
 
-    /// The time without a map, s, if it is longer than the rules wait; `None` otherwise.
+    /// The time without a map, s, if it is longer than the limit of `[notify]`; `None` otherwise.
     fn quiet_s(&mut self, health: &Health, limits: &NotifySection, map_every: u64) -> Option<f64> {
         let session = health.session.as_ref()?;
         let now = Instant::now();
         let since = match &self.last_frame {
             Some((id, at)) if *id == session.id => *at,
-            // the session has begun
+            // a new session
             _ => {
                 self.last_frame = Some((session.id.clone(), now));
                 now
@@ -278,7 +278,8 @@ impl Shown {
         self.rules.iter().find(|rule| rule.name == name)
     }
 
-    /// What the rules say at present, most severe first: name and sentence.
+    /// Name and text of the active alarms of rules, most severe first, then of the rules that cannot be judged. Shelved
+    /// alarms and those out of service are left out.
     pub(crate) fn of_rules(&self) -> Vec<(String, String)> {
         let own = |alarm: &&alarms::Alarm| !built_in::has(&alarm.rule.name);
         let mut raised: Vec<_> = self

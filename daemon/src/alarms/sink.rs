@@ -1,4 +1,4 @@
-//! Hands the quantities of frames to those who judge them; never waits.
+//! Sends the quantities of frames to the task that judges them; never waits.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ impl FrameSink for AlarmSink {
 
     fn late_map(&mut self, published: &Arc<Published>) -> Result<(), LogbookError> {
         if published.quantities.is_some() {
-            // a full queue means that the rules are slower than frames come: the next frame is judged
+            // a full queue means that frames arrive faster than they are judged: this one is left out
             let _ = self.frames.try_send(JudgedFrame {
                 session: self.session.clone(),
                 published: Arc::clone(published),

@@ -10,7 +10,7 @@ use crate::events::event::Event;
 use crate::locked::locked;
 use survey::error_chain as chain;
 
-/// Events that may wait for the disk; further ones are counted.
+/// Maximum number of events that wait for the disk; further ones are only counted.
 const QUEUE: usize = 256;
 /// Longest wait for the last events on shutdown.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(2);
@@ -93,7 +93,7 @@ fn start(directory: PathBuf) -> Option<Writer> {
     }
 }
 
-/// Writes until all senders are dropped. Events that the disk refuses are still in the journal and on the bus.
+/// Writes until all senders are dropped. An event that cannot be written is still in the journal and on the bus.
 fn write(directory: &std::path::Path, events: &Receiver<logbook::Event>) {
     let mut daemon_log = None;
     let mut refused = false;
@@ -109,7 +109,7 @@ fn write(directory: &std::path::Path, events: &Receiver<logbook::Event>) {
         match written {
             Ok(()) => refused = false,
             Err(error) => {
-                // opened again for the next one
+                // opened again for the next event
                 daemon_log = None;
                 if !std::mem::replace(&mut refused, true) {
                     tracing::warn!("an event cannot be kept: {}", chain(&error));

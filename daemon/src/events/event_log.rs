@@ -13,7 +13,7 @@ use crate::events::kind::EventKind;
 use crate::events::rate_limit::RateLimit;
 use crate::locked::locked;
 
-/// Events that may wait for one connection; it loses further ones, and will soon be closed as unresponsive.
+/// Maximum number of events that wait for one connection. It loses further events, and is soon closed as unresponsive.
 const QUEUE: usize = 256;
 /// Number of checks on shutdown whether every queue is empty, and the time between them.
 const FLUSH_CHECKS: usize = 50;
@@ -32,7 +32,7 @@ struct Destinations {
 }
 
 impl EventLog {
-    /// The daemon log lies in `directory`.
+    /// An event log whose daemon log is in `directory`.
     pub(crate) fn new(directory: PathBuf) -> Self {
         Self(Arc::new(Destinations {
             journal: RateLimit::default(),
@@ -41,7 +41,7 @@ impl EventLog {
         }))
     }
 
-    /// To the journal, the bus, and the daemon log where the event belongs to no session.
+    /// Reports an event to the journal, the bus, and, if it belongs to no session, to the daemon log.
     pub(crate) fn report(&self, event: Event) {
         let session = event.session.as_deref();
         self.0.journal.log(event.kind, session, &event.text);
@@ -51,7 +51,7 @@ impl EventLog {
         self.publish(&BusEvent::Happened(event));
     }
 
-    /// To the bus only. A connection whose queue is full loses the event.
+    /// Sends an event to the bus only. A connection whose queue is full loses the event.
     pub(crate) fn publish(&self, event: &BusEvent) {
         locked(&self.0.connections).retain(|connection| {
             !matches!(
@@ -61,7 +61,7 @@ impl EventLog {
         });
     }
 
-    /// To the journal only, at a limited rate: for events that clients cause.
+    /// Writes to the journal only, at a limited rate: for events that clients cause.
     pub(crate) fn journal(&self, kind: EventKind, text: &str) {
         self.0.journal.log(kind, None, text);
     }

@@ -154,7 +154,7 @@ impl EventKind {
 pub struct EventRow {
     /// The machine-readable name, such as `frame-failed`.
     pub name: &'static str,
-    /// Level in the journal; empty for what is written to session files alone.
+    /// Level in the journal; empty if events of this kind are only written to session files.
     pub level: &'static str,
     /// Where it is stored, besides the journal.
     pub kept: &'static str,

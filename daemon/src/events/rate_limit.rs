@@ -64,7 +64,8 @@ impl RateLimit {
         }
     }
 
-    /// How many events of the kind were suppressed since the last written one; `None` if this one is suppressed too.
+    /// The number of events of the kind that were suppressed since the last written one; `None` if this one is
+    /// suppressed too.
     fn suppressed(&self, kind: EventKind) -> Option<u64> {
         let now = Instant::now();
         let mut kinds = locked(&self.0);
@@ -160,7 +161,7 @@ mod tests {
             lines[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
             "{lines:?}"
         );
-        // the last event of a burst is reported, though nothing follows it
+        // the last event of a burst is reported, although no event follows it
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
         tokio::time::advance(REPEAT_INTERVAL).await;
@@ -174,7 +175,7 @@ mod tests {
         tokio::time::advance(REPEAT_INTERVAL).await;
         rate_limit.catch_up();
         assert!(journal.lines().is_empty(), "silence is not reported again");
-        // after a pause an event is logged at once again
+        // after a pause an event is logged immediately again
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 900 failed");
         assert_eq!(journal.lines().len(), 1);
     }

@@ -12,7 +12,7 @@ pub(crate) enum InstrumentAddress {
     Tcp(String),
     /// `serial:PATH` or `serial:PATH@BAUD`.
     Serial { path: String, baud: Option<u32> },
-    /// `gpiochip:PATH`, its lines by their names, or `gpiochip:PATH@OFFSET`, 24 lines in a row.
+    /// `gpiochip:PATH` (lines found by name) or `gpiochip:PATH@OFFSET` (24 consecutive lines).
     Gpiochip { path: String, first: Option<u32> },
 }
 

@@ -28,13 +28,13 @@ pub(crate) enum OnClosedRelays {
     Open,
 }
 
-/// What is known of the source while nothing uses it.
+/// The known state of the source while nothing uses it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SourceState {
     /// Off, verified.
     Off,
-    /// Under the configuration in force, no source at its address has received a command: there is nothing to switch off, but
-    /// what is there may be on.
+    /// Under the configuration in force, no source at its address has received a command. The daemon has switched
+    /// nothing on, but an instrument at that address may be on.
     NeverReached,
     /// It was used, and is not verified off.
     Unknown,
@@ -71,7 +71,7 @@ pub(crate) enum AssemblyError {
 }
 
 impl AssemblyError {
-    /// What is known of the source after this.
+    /// The known state of the source after this error.
     pub(crate) fn source_state(&self) -> SourceState {
         match self {
             Self::Connect(error) if error.role() == "source" => SourceState::NeverReached,
@@ -191,8 +191,8 @@ pub(crate) async fn assemble(
     })
 }
 
-/// `--safe-off`: the source first, then the relays, independently, so that a missing instrument does not prevent the
-/// other from being made safe. Returns a line for each.
+/// `--safe-off`: switches the source off, then opens the relays. Each is tried even if the other instrument is missing.
+/// Returns a line for each.
 pub(crate) async fn make_safe_each(
     plan: &RigPlan,
     simulated_rig: &Option<SimulatedRig>,
@@ -206,7 +206,7 @@ pub(crate) async fn make_safe_each(
     vec![source.await, relays_open(by).await]
 }
 
-/// Connections for a single instrument; their messages are in no transcript.
+/// A connector for a single instrument; its messages are not recorded in a transcript.
 fn alone<'a>(plan: &'a RigPlan, simulated_rig: &'a Option<SimulatedRig>) -> Connector<'a> {
     Connector {
         plan,
@@ -230,7 +230,7 @@ async fn relays_open(by: Connector<'_>) -> Result<String, AssemblyError> {
     ))
 }
 
-/// Opens the relays only, if the source cannot be reached: no current reaches the sheet through open relays.
+/// Opens only the relays, for when the source cannot be reached: no current reaches the sheet through open relays.
 pub(crate) async fn open_relays(
     plan: &RigPlan,
     simulated_rig: &Option<SimulatedRig>,

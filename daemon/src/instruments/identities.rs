@@ -1,8 +1,8 @@
 //! The expected instruments of a rig: those found when it was first assembled, or accepted by the operator since.
 //!
-//! They are stored beside the record, so that a replacement while no daemon ran is noticed too. Instruments with the
-//! same role and address are compared by serial number; changing the address in the configuration counts as accepting
-//! the new instrument. Simulated instruments follow their profile, and are not stored.
+//! They are stored in the record's directory, so that a replacement while no daemon was running is detected too.
+//! Instruments with the same role and address are compared by serial number; changing the address in the configuration
+//! counts as accepting the new instrument. Simulated instruments are defined by their profile, and are not stored.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ pub(crate) struct Connected {
 }
 
 impl Connected {
-    /// Whether it is the same instrument: vendor, model and serial number; the firmware may be another.
+    /// Whether it is the same instrument: same role, vendor, model and serial number; the firmware may differ.
     pub(crate) fn is_same(&self, other: &Self) -> bool {
         let fields = |found: &Self| -> Vec<String> {
             let fields = found.identity.split(',').take(3);
@@ -40,7 +40,7 @@ impl Connected {
         self.role == other.role && fields(self) == fields(other)
     }
 
-    /// The instrument now in the same role.
+    /// The instrument among `others` with the same role and address.
     fn successor<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
         others
             .iter()

@@ -33,7 +33,7 @@ pub(crate) fn run<T>(
     None
 }
 
-/// Makes both halves safe; a 6221 may keep its only connection occupied for a while.
+/// Makes source and relays safe, with retries: a 6221 may keep its only connection slot occupied for a while.
 async fn last_resort(rig: &RigPlan) {
     let mut pause = RETRY_INTERVALS.0;
     loop {

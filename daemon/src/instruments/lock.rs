@@ -1,4 +1,4 @@
-//! Locks that allow one daemon an instrument; the kernel releases a lock when the process ends, however it ends.
+//! Locks that reserve each instrument for one daemon. The kernel releases a lock when the process ends for any reason.
 //!
 //! A lock is a listening socket in Linux's abstract name space: it leaves no file behind, needs no folder shared by
 //! several users, and the kernel can report its owner. Any process may take any name, so a lock prevents mistakes, not
@@ -29,13 +29,13 @@ pub(crate) struct InUse {
     pid: Option<u32>,
 }
 
-/// The locks of a rig; each is released when the last that holds it is dropped.
+/// The locks of a rig; each is released when the last clone that contains it is dropped.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct InstrumentLocks(BTreeMap<String, Arc<UnixListener>>);
 
 impl InstrumentLocks {
-    /// Locks every instrument of a rig; those that are locked here already are shared, so that either rig can be given
-    /// up afterwards. Blocks while names of hosts are resolved.
+    /// Locks every instrument of a rig. Locks that `self` already holds are shared, so that either set of locks can be
+    /// dropped afterwards. Blocks while host names are resolved.
     ///
     /// # Errors
     /// Another daemon holds one of them.
@@ -94,8 +94,8 @@ fn acquire_lock(name: &str) -> Result<UnixListener, Option<u32>> {
     UnixListener::bind_addr(&address).map_err(|_| holder(&name))
 }
 
-/// The process that holds a lock. A lock accepts no connection, so each of these stays in its queue, and one that waited for
-/// a full queue would wait for ever.
+/// The process that holds a lock. The lock's socket never accepts a connection, so every attempt to connect stays in
+/// its queue. The attempt must not block: it would wait for ever once the queue is full.
 fn holder(name: &str) -> Option<u32> {
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
@@ -138,7 +138,7 @@ mod tests {
                 && text.contains(&format!("pid {}", std::process::id())),
             "{text}"
         );
-        // locks of a failed attempt are released, and so are unused ones
+        // the locks of a failed attempt are released, and so are those no longer used
         first = first
             .of_rig(&places("tcp:127.0.0.1:63", "tcp:127.0.0.1:64"))
             .unwrap();
@@ -157,7 +157,7 @@ mod tests {
         let lock = acquire_lock(name).unwrap();
         let (refused, refusals) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
-            // more than the kernel keeps waiting
+            // more connections than the kernel queues
             let all = (0..5000).all(|_| acquire_lock(name).is_err());
             refused.send(all)
         });

@@ -31,7 +31,8 @@ fn rated(model: Model) -> Option<u64> {
     }
 }
 
-/// Projects one relay: `closures` of it for a frame that comes every `period`; `life` overrides the rating.
+/// Projects the wear of one relay, which closes `closures` times for each frame; `period` is the time between frames,
+/// and `life` overrides the rating.
 pub(crate) fn wear(
     relay: Relay,
     purpose: String,

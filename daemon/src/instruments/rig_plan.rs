@@ -19,7 +19,7 @@ pub(crate) struct RigPlan {
     pub meter: MeterSettings,
     /// Rule for individual ranges, if readings have them.
     pub ranges: Option<RangeRule>,
-    /// Frames that one zero-current frame serves.
+    /// Number of frames that are corrected by one zero-current frame; `None` without correction.
     pub zero_every: Option<u64>,
     /// Electrodes skipped between the two of a pair.
     pub skip: usize,
@@ -39,8 +39,8 @@ impl RigPlan {
         settings
     }
 
-    /// How often the steps run for a frame, on average: those of a zero-current frame are the same, and it serves
-    /// `zero_every` frames.
+    /// How often the steps are executed for each frame, on average: a zero-current frame has the same steps, and is
+    /// used for `zero_every` frames.
     fn runs_per_frame(&self) -> f64 {
         1.0 + self.zero_every.map_or(0.0, |every| 1.0 / every as f64)
     }
@@ -51,8 +51,8 @@ impl RigPlan {
         survey::duration(frame.as_secs_f64() * self.runs_per_frame())
     }
 
-    /// Closures of each relay of the wiring for a frame, with its share of a zero-current frame; for relays that a scan
-    /// closes, of the channels, in each of the scans that are averaged.
+    /// Mean number of closures of each relay of the wiring for a frame, including the frame's share of a zero-current
+    /// frame. A relay of a scanned channel closes once in each of the scans that are averaged.
     pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
         let wiring = &self.plan.wiring;
         let relays = wiring.relays().into_iter();

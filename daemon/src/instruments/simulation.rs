@@ -12,7 +12,7 @@ pub(crate) fn check_built() -> Result<(), String> {
 
 /// Connects to the simulated instrument of this name.
 pub(crate) fn connect(rig: &SimulatedRig, name: &str) -> BoxStream {
-    // a test of `kinds` holds that every model's name is one
+    // a test of `kinds` checks that every model has a simulator of its name
     rig.connect(Instrument::named(name).expect("every supported model has a simulator"))
 }
 

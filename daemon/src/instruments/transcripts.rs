@@ -37,7 +37,8 @@ fn write_last(transcript: &RingTranscript, path: &Path) -> Result<(), Transcript
         .try_for_each(|entry| writer.write(entry))
 }
 
-/// Most transcripts of failed frames stored for a session: each is some 100 kB, and the first ones are the most useful.
+/// Maximum number of transcripts of failed frames stored for a session: each is some 100 kB, and the first ones are the
+/// most useful.
 pub(crate) const MOST_OF_A_SESSION: u64 = 100;
 
 /// Result of storing the transcript of a failed frame.
@@ -47,12 +48,13 @@ pub(crate) enum FailedFrame {
     Written(PathBuf),
     /// The same, and no more are stored for this session.
     WrittenLast(PathBuf),
-    /// Not written: the session has its most already.
+    /// Not written: the session has reached its limit.
     OverLimit,
 }
 
-/// Stores the transcript of a session's failed frame in the folder, up to the limit for each session. `failure` counts those of this
-/// daemon from 1; the first free number from there on names the file, as a daemon before may have stored some.
+/// Stores the transcript of a session's failed frame in the folder, up to [`MOST_OF_A_SESSION`]. `failure` is the
+/// number of the failure since the start of the daemon, from 1. The file gets the first free number from `failure` on,
+/// because an earlier daemon may have stored transcripts.
 ///
 /// # Errors
 /// As [`write_last`].
@@ -108,11 +110,11 @@ mod tests {
             ]
         };
         assert_eq!(written(1..=30), [30, 0]);
-        // after a restart of the daemon failures count from 1 again, and nothing is replaced
+        // after a restart of the daemon failures are counted from 1 again, and no file is replaced
         assert_eq!(written(1..=250), [69, 1], "the limit is reported once");
         assert_eq!(written(1..=10), [0, 0]);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 100);
-        // another session has its own
+        // another session has its own limit
         let other = write_failed(&transcript, folder.path(), "m2", 1).unwrap();
         assert!(matches!(other, FailedFrame::Written(path) if path.is_file()));
     }

@@ -6,7 +6,7 @@ use std::convert::Infallible;
 use keysight_34980a::Module;
 use rig::BoxStream;
 
-/// Why there is no simulated rig.
+/// The error of a program that is built without simulated instruments.
 #[derive(Debug, Clone, Copy, thiserror::Error)]
 #[error(
     "this tactusd is built without simulated instruments; build it with `--features simulator` (a default feature), or use \

@@ -6,7 +6,7 @@ use config::NotifySection;
 use crate::monitoring::health::Health;
 use Severity::{Major, Minor};
 
-/// A problem that was absent for this time, s, has ended.
+/// Time, s, for which a problem must be absent before its alarm ends.
 const GONE_S: f64 = 60.0;
 
 /// Kind, severity, and whether people are notified.
@@ -17,7 +17,7 @@ const KINDS: [(&str, Severity, bool); 10] = [
     ("disk-days", Minor, true),
     ("relay-life", Minor, true),
     ("baseline-stale", Minor, true),
-    // the daemon mends these by itself, or `faulted` and `no-frame` follow
+    // the daemon corrects these problems itself, or the alarms `faulted` and `no-frame` follow
     ("instrument", Minor, false),
     ("backlog", Minor, false),
     ("session", Minor, false),
@@ -29,18 +29,18 @@ pub(crate) fn has(name: &str) -> bool {
     KINDS.iter().any(|(kind, ..)| *kind == name)
 }
 
-/// The names of the alarms whose beginning and end people are notified of, without those of rules.
+/// The names of the built-in alarms whose beginning and end are notified.
 pub(crate) fn notified() -> impl Iterator<Item = &'static str> {
     let of = KINDS.iter().filter(|(.., notified)| *notified);
     of.map(|(kind, ..)| *kind)
 }
 
-/// Whether people are notified of an alarm, built-in or of a rule.
+/// Whether an alarm is notified, built-in or of a rule.
 pub(crate) fn is_notified(name: &str) -> bool {
     !has(name) || notified().any(|kind| kind == name)
 }
 
-/// The rules of all built-in alarms: each begins at once.
+/// The rules of all built-in alarms, which begin without delay.
 pub(crate) fn rules() -> impl Iterator<Item = Rule> {
     KINDS.iter().map(|(kind, severity, _)| Rule {
         name: (*kind).to_owned(),
@@ -51,7 +51,7 @@ pub(crate) fn rules() -> impl Iterator<Item = Rule> {
     })
 }
 
-/// The judgement of each.
+/// The judgement of each built-in alarm. A value that is beyond only the wider limits neither begins nor ends an alarm.
 pub(crate) fn judgements(
     health: &Health,
     limits: &NotifySection,
@@ -64,7 +64,7 @@ pub(crate) fn judgements(
         }
         match kind {
             _ if lingering.iter().any(|problem| problem.kind == kind) => Judgement::Deadband,
-            // this does not end it
+            // an unknown value does not end the alarm
             "disk-days" if health.space.free.is_none() => {
                 Judgement::Suppressed("the free space of the record cannot be read".to_owned())
             }

@@ -42,7 +42,7 @@ pub(crate) struct LastFrame {
     pub taken: Duration,
 }
 
-/// A frame that is missing in the record.
+/// A gap of the record: frames that are missing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Gap {
     pub at: DateTime<Utc>,
@@ -87,7 +87,7 @@ impl Counters {
         locked(&self.last).frame = Some(frame);
     }
 
-    /// Counts a map, on time or late, that took this time.
+    /// Counts a map, on time or late, and its computing time.
     pub(crate) fn count_map(&self, took: Duration) {
         let seconds = took.as_secs_f64();
         let mut last = locked(&self.last);
@@ -103,7 +103,7 @@ impl Counters {
         self.failed.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts frames that were due and could not be taken, or that the disk refused.
+    /// Counts frames that were due and could not be taken, or that could not be written to the disk.
     pub(crate) fn count_dropped(&self, frames: u64) {
         if frames == 0 {
             return;
@@ -116,7 +116,7 @@ impl Counters {
         self.gap(self.clock.wall(), &text);
     }
 
-    /// Records why the last missing frame is missing.
+    /// Stores the time and the cause of the last gap.
     pub(crate) fn gap(&self, at: DateTime<Utc>, text: &str) {
         let text = text.to_owned();
         locked(&self.last).gap = Some(Gap { at, text });

@@ -36,8 +36,9 @@ impl DailySummary {
         }
     }
 
-    /// Whether a day is over. A day does not end twice if the clock is set back by less than a day. If it is set back by more, as
-    /// where it was wrong before, its days begin anew: otherwise there would be no summary until the day that it had before.
+    /// Whether the day is over. If the clock is set back by less than a day, no day ends twice. If the date goes back
+    /// by two days or more, because the clock was wrong before, the day counts as over: otherwise there would be no
+    /// summary until the wrong date is reached again.
     pub(crate) fn is_over(&self, now: DateTime<Utc>) -> bool {
         let today = now.date_naive();
         today > self.day || self.day.signed_duration_since(today).num_days() > 1
@@ -185,7 +186,7 @@ mod tests {
     fn days_begin_anew_where_the_clock_is_set_back_by_years() {
         let wrong: DateTime<Utc> = "2036-01-01T12:00:00Z".parse().unwrap();
         let mut daily = DailySummary::new(wrong, Counts::default());
-        // an hour back across a midnight ends no day
+        // setting the clock back by an hour across midnight does not end a day
         let before_midnight: DateTime<Utc> = "2035-12-31T23:30:00Z".parse().unwrap();
         assert!(!daily.is_over(before_midnight));
         let right: DateTime<Utc> = "2026-11-22T10:00:00Z".parse().unwrap();

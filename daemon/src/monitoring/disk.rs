@@ -21,7 +21,7 @@ pub(crate) fn free_bytes(folder: &Path) -> std::io::Result<u64> {
 const CACHE_TIME: Duration = Duration::from_secs(5);
 /// Timeout of a query to the disk.
 const QUERY_TIMEOUT: Duration = Duration::from_secs(2);
-/// Frames before a rate is given: a file grows by pages, and this many frames fill more than ten.
+/// Minimum number of frames for a rate: a file grows by pages, and this many frames fill more than ten pages.
 const RATE_FRAMES: u64 = 100;
 
 const DAY_S: f64 = 86_400.0;
@@ -43,11 +43,11 @@ impl FreeSpace {
     }
 }
 
-/// Queries the disk, one query at a time, and remembers the start of the rate measurement.
+/// Queries the disk, one query at a time, and stores the start of the rate measurement.
 #[derive(Debug, Default)]
 pub(crate) struct Disk {
     seen: Mutex<DiskState>,
-    /// Held during a query, also by one whose caller has stopped waiting.
+    /// Locked during a query, even if its caller has stopped waiting.
     looking: Arc<tokio::sync::Mutex<()>>,
 }
 
@@ -77,8 +77,8 @@ impl Growth {
 }
 
 impl Disk {
-    /// The free space under `directory`, and the growth rate of the session written to `file`; `now` by the daemon's
-    /// clock. Limited in time: if the disk does not respond, the last values are returned.
+    /// The free space in `directory`, and the growth rate of the session written to `file`; `now` by the daemon's
+    /// clock. If the disk does not respond within [`QUERY_TIMEOUT`], returns the last values.
     pub(crate) async fn space(
         self: &Arc<Self>,
         directory: &Path,
@@ -178,7 +178,7 @@ mod tests {
         let free = space.free.unwrap() as f64;
         let all = (reported.f_blocks * reported.f_frsize) as f64;
         assert!(free > 0.0 && free <= all, "{free} of {all}");
-        // a missing directory has no space, and is not queried again at once
+        // the free space of a missing directory is unknown; the last values are reused before it is queried
         let nowhere = folder.path().join("gone");
         let again = disk.space(&nowhere, None, Duration::from_secs(1)).await;
         assert_eq!(again, space);

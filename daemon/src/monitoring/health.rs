@@ -24,21 +24,21 @@ pub(crate) struct Health {
     pub simulated: bool,
     pub session: Option<Running>,
     pub last_frame: Option<LastFrame>,
-    /// Time since its last reading.
+    /// Time since the last reading of `last_frame`.
     pub age: Option<Duration>,
     pub last_gap: Option<Gap>,
     pub counts: Counts,
     /// Roles of the instruments.
     pub instruments: Vec<&'static str>,
-    /// Why they do not reply.
+    /// Why the instruments cannot be used; `None` if they can.
     pub rig_fault: Option<String>,
     pub baseline: Option<(String, Duration)>,
-    /// What the rules of `[[alarm]]` say: name and sentence.
+    /// Name and text of the rules of `[[alarm]]` whose alarm is active or that cannot be judged.
     pub rules: Vec<(String, String)>,
-    /// How the configured noise contradicts that baseline.
+    /// How the configured noise contradicts the current baseline.
     pub noise: Option<String>,
     pub space: FreeSpace,
-    /// Free bytes below which an alarm is raised at any rate.
+    /// Free bytes below which an alarm is raised, at any growth rate.
     pub warn_below: u64,
     pub relays: Option<RelayLife>,
     /// Address of the metrics endpoint.
@@ -82,7 +82,7 @@ pub(crate) struct Running {
     pub period: Duration,
     /// Time since its last frame, its start, or its resumption; `None` if no frame is expected.
     pub quiet: Option<Duration>,
-    /// Why the last frame has no map.
+    /// The last error of the session, such as the reason why the last frame has no map; empty without one.
     pub last_error: String,
 }
 
@@ -151,7 +151,7 @@ impl Health {
         alarms
     }
 
-    /// Whether there is no problem, no alarm is active, and none cannot be judged.
+    /// Whether there is no problem, and no rule whose alarm is active or that cannot be judged.
     pub(crate) fn is_well(&self, limits: &NotifySection) -> bool {
         self.rules.is_empty() && self.alarms(limits).is_empty()
     }
@@ -185,7 +185,7 @@ impl Health {
         }
     }
 
-    /// As on D-Bus; unknown values are left out.
+    /// Converts to the type of D-Bus; unknown values are left out.
     pub(crate) fn report(&self, limits: &NotifySection) -> dbus::Health {
         let alarms = self.alarms(limits);
         let troubles = alarms
@@ -334,7 +334,7 @@ mod tests {
                 session(health).quiet = Some(Duration::from_secs(51));
             }),
             (&[], |health| {
-                // a schedule of milliseconds raises no alarm within a second
+                // a session with a period of milliseconds raises no alarm within a second
                 session(health).period = Duration::from_millis(5);
             }),
             (&[], |health| session(health).quiet = None),

@@ -1,5 +1,5 @@
 //! Heartbeats. Acquisition, recorder and each bus register the time of their next heartbeat; once one is overdue,
-//! systemd's watchdog is no longer fed. (A plain timer would go on in a daemon that hangs.)
+//! systemd's watchdog is no longer fed. (A timer alone would also feed it in a daemon that hangs.)
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -56,14 +56,14 @@ impl Default for Heartbeats {
 }
 
 impl Heartbeats {
-    /// Registers that the next heartbeat comes within this time.
+    /// Registers that the next heartbeat is due within this time.
     pub(crate) fn set_deadline(&self, part: Part, now: Duration, within: Duration) {
         let due = now.saturating_add(within).as_millis();
         let due = u64::try_from(due).unwrap_or(IDLE - 1);
         self.0[part as usize].store(due, Ordering::Relaxed);
     }
 
-    /// Like [`Heartbeats::set_deadline`] for a part that has to reply: an earlier time stays.
+    /// Like [`Heartbeats::set_deadline`], for a part that has to reply: a deadline that is already set is kept.
     pub(crate) fn set_deadline_if_idle(&self, part: Part, now: Duration, within: Duration) {
         if self.0[part as usize].load(Ordering::Relaxed) == IDLE {
             self.set_deadline(part, now, within);

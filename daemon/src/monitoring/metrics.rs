@@ -67,16 +67,16 @@ fn resident() -> Option<u64> {
 struct Snapshot {
     health: Health,
     well: bool,
-    /// Kinds of the present problems.
+    /// Kinds of the current problems.
     troubles: Vec<&'static str>,
-    /// Those of the rules of `[[alarm]]`.
+    /// The alarms of the rules of `[[alarm]]`.
     alarms: Vec<Alarm>,
     maps: Reconstruction,
     resident: Option<u64>,
 }
 
-/// A metric: its description, and where its value comes from. Unknown values are left out: any number in their place
-/// would be misleading.
+/// A metric: its description and the source of its value. Unknown values are left out, because any number in their
+/// place would be misleading.
 struct Metric {
     name: &'static str,
     kind: MetricType,
@@ -90,11 +90,11 @@ enum Values {
     Count(fn(&Snapshot) -> u64),
     Number(fn(&Snapshot) -> Option<f64>),
     Flag(fn(&Snapshot) -> bool),
-    /// A label, with a flag for each of its values.
+    /// The name of a label, and a flag for each of its values.
     Flags(&'static str, fn(&Snapshot) -> Vec<(&'static str, bool)>),
-    /// A flag of each alarm of a rule.
+    /// A flag for each alarm of a rule.
     OfAlarms(fn(&Alarm) -> bool),
-    /// A label and its value.
+    /// The name of a label and its value.
     Label(&'static str, &'static str),
     Reconstruction,
 }
@@ -322,7 +322,7 @@ impl Collector for Snapshot {
 /// A metric, as the reference page shows it.
 #[derive(Debug, Clone)]
 pub struct MetricRow {
-    /// As `/metrics` names it, with its unit.
+    /// Name on the page `/metrics`, with its unit.
     pub name: String,
     /// The type of OpenMetrics: `counter`, `gauge`, `histogram` or `info`.
     pub kind: String,

@@ -1,5 +1,5 @@
-//! Decides which alarms people are notified of and when: once when one begins, once when it has ended; alarms that come and
-//! go are rate-limited.
+//! Decides which alarms are notified and when: once at the beginning and once at the end of an alarm. An alarm that
+//! begins repeatedly is rate-limited.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -38,13 +38,13 @@ pub(crate) struct Message {
     pub text: String,
 }
 
-/// What people were notified of.
+/// The notifications that were sent, for each alarm.
 #[derive(Debug, Default)]
 pub(crate) struct Notices(BTreeMap<String, Notice>);
 
 #[derive(Debug, Default)]
 struct Notice {
-    /// Whether the alarm was active, and not set aside, at the last check.
+    /// Whether the alarm was active, and neither shelved nor out of service, at the last check.
     active: bool,
     /// Whether its beginning was notified, so that its end will be.
     reported: bool,
@@ -55,8 +55,9 @@ struct Notice {
 }
 
 impl Notices {
-    /// The notifications that are due. The beginning of an alarm is notified at most once in `again`. Of an alarm that is shelved or
-    /// out of service nothing is notified: its end, or that it is still active, is notified when it is no longer set aside.
+    /// The notifications that are due. The beginning of an alarm is notified at most once within `again`. An alarm that
+    /// is shelved or out of service is not notified. Afterwards its end is notified, or, if it is still active, its
+    /// beginning again.
     pub(crate) fn due(&mut self, now: Instant, alarms: &Alarms, again: Duration) -> Vec<Message> {
         let mut messages = Vec::new();
         for alarm in alarms.iter() {
@@ -76,7 +77,7 @@ impl Notices {
 }
 
 impl Notice {
-    /// A person has set the alarm aside, which does not end it: `reported` stays.
+    /// The alarm is shelved or out of service, which does not end it: `reported` is kept.
     fn set_aside(&mut self) {
         self.active = false;
     }
@@ -101,7 +102,7 @@ impl Notice {
         }
         if !was_active {
             self.unreported += 1;
-            // also of an alarm that is still active when it is no longer set aside
+            // also for an alarm that is still active when it is unshelved or in service again
             self.reported = false;
         }
         let may = self
@@ -129,7 +130,8 @@ mod tests {
 
     const AGAIN: Duration = Duration::from_secs(3600);
 
-    /// Simulates one check a second of an alarm that is `active` or not; returns the notifications that are sent.
+    /// Simulates one check per second of an alarm that is `active` or not; returns the phase and text of each
+    /// notification.
     fn play(
         notice: &mut Notice,
         begin: Instant,
@@ -157,7 +159,7 @@ mod tests {
         let mut notice = Notice::default();
         let mut begun = Vec::new();
         let mut now = Instant::now();
-        // five hours of alternating two minutes with the alarm and two without
+        // five hours in which the alarm is active for two minutes and inactive for two minutes in turn
         for _ in 0..75 {
             for notifies in [true, false] {
                 let sent = play(&mut notice, now, 120, notifies);
@@ -214,7 +216,7 @@ mod tests {
         assert_eq!(at(&mut alarms, 0, beyond()), [Phase::Begun]);
         order(&mut alarms, 1, &Order::Shelve(100.0));
         assert_eq!(at(&mut alarms, 2, beyond()), []);
-        // people are reminded when it is no longer shelved
+        // its beginning is notified again when it is no longer shelved
         assert_eq!(at(&mut alarms, 101, beyond()), [Phase::Begun]);
         order(&mut alarms, 102, &Order::OutOfService);
         assert_eq!(at(&mut alarms, 103, beyond()), []);
@@ -223,7 +225,7 @@ mod tests {
         order(&mut alarms, 105, &Order::InService);
         assert_eq!(at(&mut alarms, 106, Judgement::Within), [Phase::Ended]);
         assert_eq!(at(&mut alarms, 200, beyond()), [Phase::Begun]);
-        // a shelf without a time ends with the alarm
+        // shelving without a time ends with the alarm
         order(&mut alarms, 201, &Order::ShelveOnce);
         assert_eq!(at(&mut alarms, 202, beyond()), []);
         assert_eq!(at(&mut alarms, 203, Judgement::Within), [Phase::Ended]);

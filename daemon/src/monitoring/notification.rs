@@ -1,4 +1,5 @@
-//! Runs the notification command: JSON on its standard input, a timeout, and only its own task waits for it.
+//! Runs the notification command, with JSON on its standard input and a timeout. Only its own task waits for the
+//! command.
 
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -12,7 +13,7 @@ use crate::monitoring::health::Health;
 use crate::monitoring::notices::Message;
 use config::NotifySection;
 
-/// Bytes kept of its standard error.
+/// Maximum number of bytes kept of the command's standard error.
 const LONGEST_MESSAGE: u64 = 4096;
 /// Time to read the remaining output of child processes after the command has ended.
 const OUTPUT_DRAIN_TIME: Duration = Duration::from_secs(2);
@@ -61,7 +62,7 @@ pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection
 struct ProcessGroup(Option<Pid>);
 
 impl ProcessGroup {
-    /// The command has ended; processes that it started may continue.
+    /// Does not kill the group: the command has ended, and processes that it started may continue.
     fn leave(mut self) {
         self.0 = None;
     }
@@ -193,7 +194,7 @@ mod tests {
         if let Ok(pid) = std::fs::read_to_string(&file) {
             let stat = format!("/proc/{}/stat", pid.trim());
             let gone = async {
-                // killed at once; its new parent reaps it
+                // it is killed immediately; its new parent reaps it
                 while std::fs::read_to_string(&stat).is_ok_and(|text| !text.contains(") Z")) {
                     tokio::task::yield_now().await;
                 }

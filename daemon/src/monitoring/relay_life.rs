@@ -10,18 +10,18 @@ use crate::instruments::relay_wear::Wear;
 pub(crate) struct RelayLife {
     /// Its number.
     pub relay: u32,
-    /// Used fraction of its life.
+    /// Used fraction of its rating.
     pub used: f64,
     /// Frames until its rating is reached; `None` if measuring does not close it.
     pub frames_left: Option<f64>,
     /// Frame period at that time.
     pub period: Duration,
-    /// Frames of the daemon at that time.
+    /// Number of frames that the daemon had acquired at that time.
     pub frames: u64,
 }
 
 impl RelayLife {
-    /// The relay with the shortest remaining life; `None` if nothing moves.
+    /// The relay with the shortest remaining life; `None` if no relay has a rating.
     pub(crate) fn worst(wear: &[Wear], period: Duration, frames: u64) -> Option<Self> {
         let each = wear.iter().filter_map(|wear| {
             Some(Self {
@@ -40,7 +40,7 @@ impl RelayLife {
         })
     }
 
-    /// Extrapolated to this number of the daemon's frames.
+    /// Extrapolates to the time when the daemon has acquired this number of frames.
     pub(crate) fn after(&self, frames: u64) -> Self {
         let since = frames.saturating_sub(self.frames) as f64;
         let Some(left) = self.frames_left else {

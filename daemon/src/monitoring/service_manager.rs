@@ -1,7 +1,7 @@
 //! Messages to systemd, or to another service manager that `NOTIFY_SOCKET` names.
 //!
-//! A thread of its own sends them in their order: the socket takes a few messages (`net.unix.max_dgram_qlen`), and then whoever
-//! sends waits. A service manager that does not read must stop neither a measurement nor the end of one.
+//! A separate thread sends the messages in order: the socket buffers a few messages (`net.unix.max_dgram_qlen`), and
+//! then blocks the sender. A service manager that does not read must not block a measurement or its end.
 
 use std::fmt::Write;
 use std::sync::LazyLock;
@@ -11,25 +11,25 @@ use std::time::Duration;
 
 use sd_notify::NotifyState;
 
-/// Longest wait at the end for messages that are not sent yet.
+/// Maximum time that [`finish`] waits for messages that are not sent yet.
 const END: Duration = Duration::from_secs(1);
 
 enum Message {
     States(String),
     Alive,
-    /// Everything before it is sent.
+    /// Replies when every message before it has been sent.
     End(Sender<()>),
 }
 
 static QUEUE: LazyLock<Sender<Message>> = LazyLock::new(|| {
     let (queue, messages) = mpsc::channel();
-    // without the thread, messages go nowhere, as without a service manager
+    // without the thread, messages are dropped, as without a service manager
     let _ = std::thread::Builder::new()
         .name("notify".to_owned())
         .spawn(move || send(&messages));
     queue
 });
-/// A sign of life waits to be sent: another one would say nothing new.
+/// Whether a watchdog message is queued; a second one would be redundant.
 static ALIVE: AtomicBool = AtomicBool::new(false);
 
 fn send(messages: &Receiver<Message>) {
@@ -58,7 +58,7 @@ pub(crate) fn notify(states: &[NotifyState<'_>]) {
     let _ = QUEUE.send(Message::States(text));
 }
 
-/// Sends a sign of life.
+/// Sends a watchdog message, unless one is queued.
 pub(crate) fn notify_alive() {
     if !ALIVE.swap(true, Ordering::AcqRel) {
         let _ = QUEUE.send(Message::Alive);

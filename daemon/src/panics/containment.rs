@@ -1,9 +1,9 @@
-//! Contains a panic in a task that only replies to a client: it ends that reply, and nothing else.
+//! Contains a panic in a task that only replies to a client: the panic ends that reply, and nothing else.
 //!
 //! A thread-local marker tells whether a panic is contained. It is set on the threads that serve the bus
 //! ([`mark_thread`]), so that code run by zbus itself is covered too, and while a future or closure passed to
-//! [`answer`] or [`run`] runs. The panic hook reads the marker ([`is_contained`]): a contained panic is logged at a
-//! limited rate, any other switches the source off ([`crate::panics::hook`]).
+//! [`answer`] or [`run`] runs. The panic hook reads the marker ([`is_contained`]): it logs a contained panic at a
+//! limited rate, and reports any other, after which the source is switched off ([`crate::panics::hook`]).
 
 use std::cell::{Cell, RefCell};
 use std::future::poll_fn;
@@ -107,13 +107,13 @@ pub(crate) fn run<T>(work: impl FnOnce() -> T) -> Result<T, Panicked> {
     catch_unwind(AssertUnwindSafe(work)).map_err(|payload| Panicked::caught(payload.as_ref()))
 }
 
-/// What a panic of a reply ends.
+/// What is ended by a panic in a reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum PanicScope {
     /// Only the reply.
     Reply,
-    /// The reply and the session: the code was using instruments or a session, and only switching the source off is
-    /// sure to leave them safe.
+    /// The reply and the session: the code was using instruments or a session, and only switching the source off makes
+    /// them safe with certainty.
     Session,
 }
 
@@ -135,7 +135,7 @@ pub(crate) async fn answer<T>(
     .await
 }
 
-/// Runs blocking work on a blocking thread; its panic is contained if one of the caller would be.
+/// Runs blocking work on a blocking thread. Its panic is contained if a panic of the caller would be.
 pub(crate) fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> JoinHandle<T> {
@@ -176,7 +176,7 @@ mod tests {
         assert!(!is_contained());
         assert!(!panics.has_changed().unwrap(), "none was the daemon's");
 
-        // a task spawned from a reply belongs to the daemon
+        // a panic in a task spawned from a reply is not contained
         let spawned = answer(PanicScope::Reply, async {
             tokio::spawn(async { is_contained() }).await.unwrap()
         });

@@ -10,7 +10,7 @@ use crate::panics::containment;
 static RECEIVED: LazyLock<watch::Sender<String>> = LazyLock::new(watch::Sender::default);
 static INSTALLED: Once = Once::new();
 
-/// Installs the hook before the one that prints.
+/// Installs the hook. It calls the previous hook, which prints the panic, only if the panic is not contained.
 pub(crate) fn install() {
     INSTALLED.call_once(|| {
         let prints = std::panic::take_hook();

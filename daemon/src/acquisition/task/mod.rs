@@ -66,7 +66,7 @@ impl AcquisitionEnd {
     }
 }
 
-/// The inputs of the loop besides the source of frames.
+/// The inputs of the acquisition loop, except the source of frames.
 pub(crate) struct Acquisition {
     pub status: Arc<SessionStatus>,
     pub schedule: Schedule,
@@ -81,10 +81,10 @@ pub(crate) struct Acquisition {
     pub heartbeats: Arc<Heartbeats>,
     pub progress: AcquisitionProgress,
     pub measuring: Measuring,
-    /// Receives the readings of each injection, where they are wanted.
+    /// Receives the readings of each injection; `None` if they are not needed.
     pub injections: Option<mpsc::Sender<InjectionReadings>>,
     pub events: EventLog,
-    /// How the session measures.
+    /// The current plan of the session.
     pub plan: watch::Sender<Option<Arc<RigPlan>>>,
 }
 
@@ -102,7 +102,7 @@ pub(crate) struct AcquisitionProgress {
     began: Option<Duration>,
     taken: u64,
     last: Option<Duration>,
-    /// Time spent in pauses does not count as lateness of a recording.
+    /// Time spent in pauses, by which the frames of a recording are postponed.
     shift: Duration,
 }
 
@@ -137,7 +137,7 @@ impl Acquisition {
         let now = self.clock.monotonic();
         let began = *self.progress.began.get_or_insert(now);
         loop {
-            // one may begin while the other lasts
+            // a hold may begin while the session is suspended, and the reverse
             while *suspend.borrow() || *held.borrow() {
                 let requested = self.wait_while_suspended(&mut suspend, &mut stop).await;
                 self.progress.shift +=
@@ -248,7 +248,7 @@ impl Acquisition {
         self.heartbeats.set_deadline(Part::Acquisition, now, within);
     }
 
-    /// The longest time that a frame may take; beyond it, something hangs that no I/O timeout has ended.
+    /// The longest time that a frame may take. If it takes longer, something hangs that no I/O timeout has ended.
     fn longest(&self, source: &FrameSource) -> Duration {
         match source {
             FrameSource::Rig { plan, .. } => {
@@ -272,14 +272,15 @@ impl Acquisition {
     }
 
     async fn record(&self, event: Event) {
-        // a full queue, as at a full disk, is no hang of acquisition: the record has its own heartbeat
+        // a full queue (for example at a full disk) does not mean that acquisition hangs: the record has its own
+        // heartbeat
         self.heartbeats.set_idle(Part::Acquisition);
         // a recorder that has ended is noticed at the next frame
         let _ = self.recorder.send(RecorderMessage::Event(event)).await;
     }
 
-    /// Waits for the logbook to accept the frame, the only sink that may delay acquisition: between frames, with the
-    /// source off, and reported. Returns whether it accepted the frame.
+    /// Waits until the logbook accepts the frame; false if it has ended. The logbook is the only sink that may delay
+    /// acquisition: between frames, with the source off; the pause is reported.
     async fn wait_for_the_logbook(&self, frame: RecorderMessage) -> bool {
         self.report_pause(true).await;
         self.status.set_suspended(true);
@@ -349,7 +350,7 @@ impl Acquisition {
         let wait = due.saturating_sub(self.clock.monotonic());
         self.set_deadline(wait.saturating_add(HEARTBEAT_MARGIN));
         if wait.is_zero() {
-            // lets others run between frames that are back to back
+            // lets other tasks run between back-to-back frames
             tokio::task::yield_now().await;
             return if stop.is_requested() {
                 WaitEnd::Stopped
@@ -366,8 +367,8 @@ impl Acquisition {
     }
 }
 
-/// The longest time that a frame of this planned duration may take: also a zero-current frame before it, and the timeouts of a
-/// reading and of switching off.
+/// The longest time that a frame of this planned duration may take, including a zero-current frame before it and the
+/// timeouts of the instruments' replies and of switching off.
 fn longest_frame(planned: Duration, instruments: &InstrumentAddresses) -> Duration {
     let timeouts = [
         &instruments.source,

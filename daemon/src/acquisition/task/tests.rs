@@ -1,4 +1,4 @@
-//! Tests of heartbeats while the recorder takes nothing, and of the longest time of a frame.
+//! Tests of heartbeats while the recorder accepts no frame, and of the longest time of a frame.
 
 use chrono::{DateTime, Utc};
 use imaging::recorded::IndexedFrames;

@@ -43,7 +43,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
             );
         }
     };
-    // off by default; simulators on this machine may be announced only there
+    // the loopback interface is off by default; simulators on this machine may be announced only there
     daemon.enable_interface(IfKind::LoopbackV4).ok();
     daemon.enable_interface(IfKind::LoopbackV6).ok();
     let until = Instant::now() + within;
@@ -65,7 +65,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
     daemon.shutdown().ok();
     let mut instances: BTreeMap<String, Instance> = BTreeMap::new();
     for (kind, service) in [raw, lxi, vxi, hislip, telnet].into_iter().flatten() {
-        // the name is the same under every type; one instrument is found on every interface
+        // an instrument has the same name under every service type and on every interface
         let name = service
             .fullname
             .trim_end_matches(kind)
@@ -82,7 +82,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
         }
     }
     let candidates = instances.into_iter().map(|(name, mut instance)| {
-        // IPv4 first, and loopback last: an address that other machines can use is the better proposal
+        // IPv4 first, and loopback last: an address that other machines can use is proposed if there is one
         instance
             .hosts
             .sort_by_key(|host| (host.is_loopback(), host.is_ipv6(), *host));

@@ -24,7 +24,7 @@ const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
 /// SCPI port of a 34980A (fact sheet lxi-discovery, section 2).
 const SCPI_RAW: u16 = 5025;
 
-/// Most characters kept of a reply or announcement; an identity has some 50.
+/// Maximum number of characters kept of a reply or announcement; an identity has some 50.
 const LONGEST_TEXT: usize = 200;
 
 /// What to look for, and where.
@@ -56,13 +56,13 @@ impl Default for Search {
     }
 }
 
-/// Somewhere an instrument may listen.
+/// A possible instrument, and the addresses where it may be reached.
 #[derive(Debug, Clone)]
 struct Candidate {
     places: Vec<InstrumentAddress>,
     found_by: &'static str,
     name: String,
-    /// The identity, if it was found by another method than these addresses.
+    /// The identity, if the discovery method has already queried it.
     identity: Option<String>,
 }
 
@@ -101,7 +101,7 @@ pub(crate) async fn discover(search: &Search) -> Discovery {
         let used = used.clone();
         tokio::spawn(async move { ask(candidate, &used).await })
     });
-    // all at once: an unresponsive one must not delay the others
+    // all are queried in parallel: an unresponsive one must not delay the others
     for task in requested.collect::<Vec<_>>() {
         if let Ok(seen) = task.await {
             add(&mut found.seen, seen);

@@ -11,7 +11,7 @@ use vxi11::Client;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Candidate, REPLY_TIMEOUT, SCPI_RAW};
 
-/// Longest accepted reply to `*IDN?`, bytes.
+/// Maximum length of a reply to `*IDN?`, bytes.
 const LONGEST: u32 = 1024;
 
 /// Broadcasts on every interface; returns the replies and the failures.

@@ -86,7 +86,8 @@ impl<'a> Connector<'a> {
             InstrumentAddress::Serial { path, baud } => {
                 rig::open_serial(path, baud.unwrap_or(model.baud))
             }
-            // a gpiochip is no stream; the configuration allows it for a board only, which is opened elsewhere
+            // a gpiochip is not a stream; the configuration allows it only for a board, which is opened in
+            // `multiplexer`
             InstrumentAddress::Gpiochip { path, .. } => Err(LinkError::Unreachable {
                 address: path.clone(),
                 cause: std::io::ErrorKind::Unsupported.into(),

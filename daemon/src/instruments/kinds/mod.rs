@@ -1,5 +1,6 @@
-//! The models of instruments that the daemon supports: how each is connected and proposed, its limits and times, and the
-//! rigs that they form. A further model with the same roles touches no other file of `instruments`.
+//! The instrument models that the daemon supports: how each is connected, which configuration is proposed for it, its
+//! limits and timing, and the rigs that the models form. Adding a model with the same roles changes no other file of
+//! `instruments`.
 
 mod connection;
 mod multiplexer;
@@ -29,7 +30,7 @@ const RESTART_TIMEOUT: Duration = Duration::from_secs(2);
 type Source = Keithley6221<BoxStream>;
 type Mainframe = Keysight34980a<BoxStream>;
 
-/// What is known of a model before it is connected.
+/// Properties of a model that are known before it is connected.
 pub(super) struct Model {
     /// Its name in messages and transcripts.
     name: &'static str,
@@ -57,7 +58,7 @@ const SOURCE: Model = Model {
 const MAINFRAME: Model = Model {
     name: "34980A",
     simulated: "34980a",
-    // it has no serial port of its own
+    // not used: it has no serial port
     baud: 115_200,
     is_named: |model| model.eq_ignore_ascii_case("34980A"),
     section: "switch",
@@ -161,11 +162,11 @@ async fn connect_board(by: Connector<'_>) -> Result<Multiplexer, ConnectError> {
     Ok(Multiplexer::Serial(board))
 }
 
-/// Everything of a rig except its source.
-// one value that is moved into its rig at once
+/// All instruments of a rig except its source.
+// one value, which is moved into its rig immediately
 #[allow(clippy::large_enum_variant)]
 pub(super) enum SwitchAndVoltmeter {
-    /// The mainframe is both.
+    /// The mainframe switches and measures.
     Mainframe(Mainframe),
     /// The board switches, the mainframe measures.
     Board(Multiplexer, Mainframe),
@@ -206,7 +207,7 @@ impl SwitchAndVoltmeter {
             .collect()
     }
 
-    /// Checks that the modules can serve the plan.
+    /// Checks that the instruments can execute the plan.
     pub(super) fn check(&self, plan: &RigPlan) -> Result<(), RigError> {
         match self {
             Self::Mainframe(mainframe) => mainframe
@@ -265,7 +266,7 @@ pub(crate) enum AnyRig {
     Board(Rig<Source, Multiplexer, Mainframe>),
 }
 
-/// An expression with the rig, whichever it is.
+/// Evaluates an expression with the rig, for either variant.
 macro_rules! with {
     ($any:expr, $rig:ident => $expression:expr) => {
         match $any {
@@ -276,7 +277,7 @@ macro_rules! with {
 }
 
 impl AnyRig {
-    /// Runs the plan once; the readings of each injection are also sent on their own.
+    /// Runs the plan once; also sends the readings of each injection to `injections` during the frame.
     pub(crate) async fn acquire(
         &self,
         plan: &Plan,
@@ -316,7 +317,7 @@ impl AnyRig {
         }
     }
 
-    /// How often relays have closed; `None` if they are not counted.
+    /// The number of closures of each relay; `None` if the instrument does not count them.
     pub(crate) async fn relay_cycles(
         &self,
         relays: &[Relay],

@@ -9,17 +9,17 @@ use survey::Relay;
 
 use config::EnableName;
 
-/// Waited after lines have moved (fact sheet gpio-mux, section 3).
+/// Settling time after lines have changed (fact sheet gpio-mux, section 3).
 const SETTLING: Duration = Duration::from_millis(1);
 
-/// A board, however it is reached.
+/// A board on a serial line or on a gpiochip.
 pub(crate) enum Multiplexer {
     Serial(GpioMux<BoxStream>),
     Lines(GpioBoard<CharacterDevice>, String),
 }
 
 impl Multiplexer {
-    /// Takes the lines of a gpiochip, by their names or 24 in a row.
+    /// Requests the lines of a gpiochip: by their names, or 24 consecutive lines from `first` on.
     pub(crate) fn on_gpiochip(
         path: &str,
         first: Option<u32>,
@@ -44,7 +44,7 @@ impl Multiplexer {
         Ok(Self::Lines(board, identity))
     }
 
-    /// The reply to `*IDN?`, or where the lines are: a chip has no name of its own.
+    /// The reply to `*IDN?`; for a gpiochip, which has no identity, the path of the chip.
     pub(crate) fn identity(&self) -> &str {
         match self {
             Self::Serial(board) => board.identity(),
