@@ -1,5 +1,5 @@
-//! Writes what the tests of the Python package compare with: arrays of the Rust engine as raw doubles, a case folder, and a
-//! session. Matrices are written column by column. Call: `expected FOLDER`.
+//! Writes the values that the tests of the Python package compare with: arrays of the Rust engine as raw doubles, a
+//! case folder, and a session. Matrices are written column by column. Call: `expected FOLDER`.
 
 use std::error::Error;
 use std::path::Path;
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .write(&folder.join("case"), Existing::Refuse)?;
 
     let save = |name: &str, values: &[f64]| save(folder, name, values);
-    // the forward model of a conductance that differs from triangle to triangle
+    // the forward model with a different conductance in each triangle
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
     let sigma: Vec<f64> = (0..geometry.sigma0.len())
         .map(|t| 1e-3 * (1.0 + 0.3 * (t as f64).sin()))
@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
     save("transfer", forward.transfer_impedance(&sigma)?.as_slice())?;
 
-    // three frames without a load and two with one, with a repeatable error on each reading
+    // three frames without a load and two with one; each reading has a repeatable error
     let pressed: Vec<f64> = (0..sigma.len())
         .map(|t| {
             let [x, y] = geometry.mesh.centroid(t);
@@ -167,7 +167,7 @@ fn save(folder: &Path, name: &str, values: &[f64]) -> std::io::Result<()> {
     std::fs::write(folder.join(format!("{name}.f64")), bytes)
 }
 
-/// The tracked baseline of frames of 600 s and 1200 s.
+/// The tracked baselines of frames at 600 s and 1200 s.
 fn followed(
     folder: &Path,
     geometry: &Geometry,
@@ -197,8 +197,8 @@ fn followed(
     Ok(())
 }
 
-/// The map of the shipped network: readings of the paper's sheet with a uniform conductance, each changed by some parts in
-/// a thousand.
+/// The map of the shipped network for readings of the paper's sheet with a uniform conductance, each changed by a few
+/// parts in a thousand.
 fn network(folder: &Path) -> Result<(), Box<dyn Error>> {
     let geometry = Geometry::from_preset(&Preset::PaperSheet(PaperSheet::default()))?;
     let protocol = Protocol::sheffield(26)?;
@@ -220,7 +220,7 @@ fn network(folder: &Path) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Three frames, two events and a baseline; the third frame has readings that are missing.
+/// Writes a session of three frames, two events and a baseline; the third frame has missing readings.
 fn session(
     folder: &Path,
     protocol: &Protocol,

@@ -1,6 +1,6 @@
-//! Times calls of the Rust engine for `benchmarks/compare.py`, which does the same through Python. Call: `times ELECTRODES
-//! FINENESS`; each line of standard input is a work (`forward`, `jacobian`, `set-up`, `frame`), its answer a line with the shortest
-//! processor time of a call, s.
+//! Measures the time of calls of the Rust engine for `benchmarks/compare.py`, which measures the same calls through
+//! Python. Call: `times ELECTRODES FINENESS`. Each line of standard input names a work (`forward`, `jacobian`,
+//! `set-up`, `frame`); for each, a line with the shortest processor time of a call, s, is printed.
 
 use std::error::Error;
 use std::hint::black_box;
@@ -13,7 +13,7 @@ use imaging::recorded::{Fitted, Unloaded};
 use imaging::{Geometry, HyperChoice, Method, Model, ReconstructionSettings, Unknowns};
 use survey::{Protocol, Reading, Volts};
 
-/// Calls of one turn at most, and seconds after which there are no more.
+/// Most calls for one line of input, and processor time after which no further call starts, s.
 const CALLS: usize = 10;
 const TURN_S: f64 = 0.1;
 
@@ -79,7 +79,7 @@ fn set_up(
     protocol: &Protocol,
     baseline: &[Reading],
 ) -> Result<Model, Box<dyn Error>> {
-    // a mesh keeps its analysis: a new one has none
+    // a mesh caches its analysis, a new mesh has none
     let mesh = &geometry.mesh;
     let fresh = Mesh::new(
         mesh.nodes().to_vec(),

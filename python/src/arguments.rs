@@ -1,5 +1,5 @@
-//! Arguments from Python as Rust values. An argument that does not fit is a `TypeError` (kind of value) or a `ValueError`
-//! (shape, value); the message has the name of the argument, what is expected, and how to mend it.
+//! Converts arguments from Python to Rust values. An argument that does not fit is a `TypeError` (kind of value) or a
+//! `ValueError` (shape, value); the message has the name of the argument, what is expected, and how to correct it.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub(crate) struct Values<T> {
     pub(crate) values: Vec<T>,
 }
 
-/// What an argument has to be.
+/// The requirements for an argument.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Expected<'a> {
     /// Name of the argument.
@@ -39,7 +39,7 @@ impl Expected<'_> {
         PyValueError::new_err(self.message(fault))
     }
 
-    /// The error for an object of another class.
+    /// The error for an object of an unsuitable class.
     fn class_error(&self, object: &Bound<'_, PyAny>) -> PyErr {
         self.type_error(&format!("it is a {}", class_of(object)))
     }
@@ -59,7 +59,7 @@ impl Expected<'_> {
         format!("argument '{}': {fault}; expected {}", self.name, self.about)
     }
 
-    /// A `numpy` array of any numeric type.
+    /// Converts an object to a `numpy` array of any numeric type; returns the array and the kind of its dtype.
     fn array<'py>(&self, object: &Bound<'py, PyAny>) -> PyResult<(Bound<'py, PyAny>, String)> {
         let numpy = object.py().import("numpy")?;
         if object.is_instance(&numpy.getattr("ma")?.getattr("MaskedArray")?)? {
@@ -86,7 +86,7 @@ impl Expected<'_> {
         }
     }
 
-    /// The error for something that numpy refuses. Interrupts and errors of memory are passed on.
+    /// The error for an object that numpy cannot convert. Interrupts and memory errors are passed on.
     fn refused(&self, object: &Bound<'_, PyAny>, cause: &PyErr) -> PyErr {
         let py = object.py();
         if !(cause.is_instance_of::<PyTypeError>(py) || cause.is_instance_of::<PyValueError>(py)) {
@@ -99,7 +99,7 @@ impl Expected<'_> {
         ))
     }
 
-    /// Finite or not, of a number of dimensions among `dimensions`.
+    /// Numbers, finite or not; the number of dimensions must be in `dimensions`.
     pub(crate) fn floats_or_nan(
         &self,
         object: &Bound<'_, PyAny>,
@@ -111,7 +111,7 @@ impl Expected<'_> {
         Ok(values)
     }
 
-    /// Finite numbers.
+    /// Finite numbers; the number of dimensions must be in `dimensions`.
     pub(crate) fn floats(
         &self,
         object: &Bound<'_, PyAny>,
@@ -128,7 +128,7 @@ impl Expected<'_> {
             None => Ok(()),
             Some(at) => {
                 let value = values.values[at];
-                // as Python writes it
+                // in Python's notation
                 let value = if value.is_nan() {
                     "nan".to_owned()
                 } else {
@@ -139,7 +139,7 @@ impl Expected<'_> {
         }
     }
 
-    /// Numbers from 0 on.
+    /// Integers from 0 on; the number of dimensions must be in `dimensions`.
     pub(crate) fn indices(
         &self,
         object: &Bound<'_, PyAny>,
@@ -156,7 +156,7 @@ impl Expected<'_> {
                 let signed = self.contiguous::<i64>(&array, "int64")?;
                 self.converted(signed)?
             }
-            // numpy makes an array of floats of an empty list
+            // numpy converts an empty list to an array of floats
             _ if empty => Values {
                 shape: array.getattr("shape")?.extract()?,
                 values: Vec::new(),
@@ -196,7 +196,7 @@ impl Expected<'_> {
         dtype: &str,
     ) -> PyResult<Values<T>> {
         let numpy = array.py().import("numpy")?;
-        // asarray and not ascontiguousarray, which makes one dimension of none
+        // asarray and not ascontiguousarray, which would give a number one dimension
         let array = numpy.call_method1("asarray", (array, dtype, "C"))?;
         let array = array
             .cast::<PyArrayDyn<T>>()
@@ -245,7 +245,7 @@ impl Expected<'_> {
     }
 }
 
-/// Pairs of a shape `(n, 2)`.
+/// The pairs in an array of shape `(n, 2)`.
 pub(crate) fn pairs<T: Copy>(expected: Expected<'_>, given: &Values<T>) -> PyResult<Vec<[T; 2]>> {
     match given.shape[..] {
         [_, 2] => Ok(given
@@ -257,7 +257,7 @@ pub(crate) fn pairs<T: Copy>(expected: Expected<'_>, given: &Values<T>) -> PyRes
     }
 }
 
-/// A shape as Python writes it.
+/// A shape in Python's notation.
 pub(crate) fn tuple(shape: &[usize]) -> String {
     match shape {
         [one] => format!("({one},)"),
@@ -268,7 +268,7 @@ pub(crate) fn tuple(shape: &[usize]) -> String {
     }
 }
 
-/// An element in C order, as Python writes its index.
+/// The index of an element in C order, in Python's notation.
 fn place(at: usize, shape: &[usize]) -> String {
     if shape.is_empty() {
         return "it".to_owned();

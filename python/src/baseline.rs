@@ -1,4 +1,4 @@
-//! A baseline compared with the model: what maps and a tracked baseline start from.
+//! A baseline and the model fitted to it, from which maps and a tracked baseline start.
 
 use std::sync::Arc;
 
@@ -18,14 +18,14 @@ use crate::outcome::{interruptible, refused};
 pub(crate) struct Recorded {
     pub(crate) fitted: Fitted,
     pub(crate) unloaded: Unloaded,
-    /// Standard deviation of one reading, V, where it is stated.
+    /// Standard deviation of one reading, V; None if it is not stated.
     noise_v: Option<f64>,
     protocol: Protocol,
 }
 
 impl Recorded {
-    /// sigma0: S per square, None where it is fitted to the baseline. current: A. noise: V, None where it follows from the
-    /// frames of the baseline. baseline: V, shape (frames, readings), NaN where a reading is missing.
+    /// sigma0: S per square, None to fit it to the baseline. current: A. noise: V, None to estimate it from the frames
+    /// of the baseline. baseline: V, shape (frames, readings), NaN for a missing reading.
     pub(crate) fn new(
         py: Python<'_>,
         forward: &Forward,
@@ -55,7 +55,7 @@ impl Recorded {
             contact_ohm_m: forward.forward.contact_ohm_m().to_vec(),
             sigma0_known: sigma0.is_some(),
             sigma0: sigma0.map_or_else(|| vec![1.0; triangles], |(sigma0, _)| sigma0.values),
-            // as in a case folder, the currents are stated
+            // the currents are stated, as in a case folder
             from_case: true,
         };
         let baseline = rows_of_readings(baseline, "baseline", protocol.len())?;
@@ -85,7 +85,7 @@ impl Recorded {
         self.fitted.geometry.mesh.region().len()
     }
 
-    /// The conditions for a method.
+    /// The conditions under which a method is prepared.
     pub(crate) fn conditions(&self) -> Conditions<'_> {
         let mut conditions = self.fitted.conditions(&self.protocol);
         if self.noise_v.is_some() {
@@ -95,7 +95,7 @@ impl Recorded {
     }
 }
 
-/// The error for a baseline that cannot be used, as Python's.
+/// The Python error for a baseline that cannot be used.
 pub(crate) fn unlike(fault: &BuildError) -> PyErr {
     match fault {
         BuildError::Unlike => PyValueError::new_err(

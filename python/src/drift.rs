@@ -13,14 +13,14 @@ use crate::forward::Forward;
 use crate::maps::{readings, rows_of_readings};
 use crate::outcome::{detached, interruptible, refused, rows};
 
-/// Baselines and frames, an array with a row a frame each, and what is known of each frame as JSON.
+/// Baselines and frames, each an array with a row for each frame, and the result of tracking for each frame as JSON.
 type Followed<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Vec<String>,
 );
 
-/// A sheet that is followed from its first baseline on. The class Drift makes it.
+/// A drifting sheet, tracked from its first baseline on. The class Drift creates it.
 #[pyclass(frozen, module = "tactus_eit._native")]
 pub(crate) struct Tracker {
     tracking: Mutex<Tracking>,
@@ -29,7 +29,7 @@ pub(crate) struct Tracker {
 
 #[pymethods]
 impl Tracker {
-    /// Arguments as of Maps; time: of the baseline, s.
+    /// Arguments as for Maps; time: of the baseline, s.
     #[new]
     fn new(
         py: Python<'_>,
@@ -68,9 +68,10 @@ impl Tracker {
         })
     }
 
-    /// Follows frames (V, shape (frames, readings), NaN where a reading is missing) of the times (s, shape (frames,)), in order.
-    /// Returns the baseline of each, each without the readings of faulty electrodes, and what is known of each as JSON.
-    /// progress: called after each frame with the number of frames that are done, and of all.
+    /// Tracks the baseline over frames (V, shape (frames, readings), NaN for a missing reading) at the times (s, shape
+    /// (frames,)), in order. Returns for each frame its baseline, the frame with NaN for readings of faulty electrodes,
+    /// and the result of tracking as JSON. progress: called after each frame with the number of completed frames and of
+    /// all frames.
     #[pyo3(signature = (frames, times, progress=None))]
     fn follow<'py>(
         &self,
@@ -122,7 +123,7 @@ impl Tracker {
         ))
     }
 
-    /// What later results depend on, as JSON.
+    /// The state on which later results depend, as JSON.
     fn state(&self, py: Python<'_>) -> PyResult<String> {
         let state = detached(py, || {
             let tracking = self.tracking.lock().unwrap_or_else(PoisonError::into_inner);
@@ -131,7 +132,7 @@ impl Tracker {
         json(&state)
     }
 
-    /// Goes on from a state.
+    /// Continues from a state that state() returned.
     fn restore(&self, py: Python<'_>, state: &str) -> PyResult<()> {
         let about = "the text that state() of the same sheet and baseline returned";
         let expected = Expected {

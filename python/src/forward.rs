@@ -16,7 +16,7 @@ use crate::protocol::Protocol;
 ///
 /// mesh: a Mesh. protocol: a Protocol for the same number of electrodes.
 /// contact: contact impedance in ohm m (contact resistance times length of the electrode), 0 or more: a number, or shape
-///     (electrodes,). By default that of the mesh, where it is a preset or from a case folder.
+///     (electrodes,). By default that of the mesh, if it is a preset or from a case folder.
 ///
 /// >>> import tactus_eit
 /// >>> mesh = tactus_eit.Mesh.disc(electrodes=16, fineness=0.5)
@@ -123,11 +123,12 @@ impl Forward {
         Ok(rows(py, readings, [count, protocol.len()])?.into_any())
     }
 
-    /// Derivative of each reading at 1 A by the conductance of each triangle, V per S: shape (readings, triangles), in Fortran
-    /// order.
+    /// Derivative of each reading at 1 A with respect to the conductance of each triangle, V per S: shape (readings,
+    /// triangles), in Fortran order.
     ///
     /// sigma: conductance in S per square: a number, or shape (triangles,).
-    /// region: columns for the triangles of mesh.region only. log: derivative by the logarithm of the conductance, V.
+    /// region: columns for the triangles of mesh.region only. log: derivative with respect to the logarithm of the
+    /// conductance, V.
     #[pyo3(signature = (sigma, *, region=false, log=false))]
     fn jacobian<'py>(
         &self,

@@ -1,7 +1,7 @@
 //! The Python package `tactus_eit`: numpy arrays in, numpy arrays out, SI units, frames in rows.
 //!
-//! Not included: mathematics (crates `eit` and `imaging`), reading of session files (crate `logbook`), records of the daemon's
-//! stream (crate `dbus`). Arguments are copied before the interpreter's lock is released.
+//! Not in this crate: mathematics (crates `eit` and `imaging`), reading of session files (crate `logbook`), records of
+//! the daemon's stream (crate `dbus`). Arguments are copied before the interpreter's lock is released.
 
 mod arguments;
 mod baseline;

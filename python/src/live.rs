@@ -18,14 +18,14 @@ use zbus::proxy::CacheProperties;
 use crate::arguments::Expected;
 use crate::outcome::{LOOK, Steps, detached, interruptible, rows};
 
-/// The stream of a session. ``tactus_eit.connect`` makes the class Live of it.
+/// The stream of a session. ``tactus_eit.connect`` wraps it in the class Live.
 #[pyclass(frozen, module = "tactus_eit._native")]
 pub(crate) struct Stream {
     reader: Mutex<Option<Reader>>,
     about: About,
 }
 
-/// What the daemon says of the session when the stream is opened.
+/// Properties of the session, as the daemon reports them when the stream is opened.
 struct About {
     address: String,
     session: String,
@@ -43,7 +43,7 @@ struct Reader {
     bytes: Vec<u8>,
 }
 
-/// Result of one look at the stream.
+/// Result of one attempt to read a record.
 enum Look {
     Record(Box<Record>),
     /// No complete record yet.
@@ -53,7 +53,7 @@ enum Look {
     Closed,
 }
 
-/// What the stream is asked for.
+/// The requested stream.
 struct Wanted {
     address: Option<Address>,
     session: Option<String>,
@@ -87,8 +87,9 @@ enum OpenError {
 
 #[pymethods]
 impl Stream {
-    /// address: "system", "session", "unix:PATH", or None for the first that has a daemon. session: its id, or None for the
-    /// one that runs, or will run within `timeout` s (None: without limit). ring: records held for a slow reader.
+    /// address: "system", "session", "unix:PATH", or None for the first bus that has a daemon. session: its id, or None
+    /// for the session that runs, or that starts within `timeout` s (None: without limit). ring: records held for a
+    /// slow reader.
     #[new]
     #[pyo3(signature = (address, session, frames, maps, deviations, ring, timeout))]
     fn new(
@@ -129,7 +130,7 @@ impl Stream {
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_all()
                 .build()?;
-            // the connection ends here: a client of the bus that does not read holds up the daemon's signals
+            // the connection to the bus ends here: a client that does not read would block the daemon's signals
             runtime.block_on(async {
                 match wanted.deadline {
                     None => open(&wanted, steps).await,
@@ -150,7 +151,8 @@ impl Stream {
         })
     }
 
-    /// The next record as a dict of its fields; None at the end of the stream. TimeoutError after `timeout` s without one.
+    /// The next record as a dict of its fields; None at the end of the stream. Raises TimeoutError after `timeout` s
+    /// without a record.
     fn next<'py>(
         &self,
         py: Python<'py>,
@@ -215,7 +217,7 @@ impl Stream {
 }
 
 impl Stream {
-    /// Waits a moment for a record.
+    /// Waits for a record, at most for the read timeout of the stream.
     fn look(&self) -> PyResult<Look> {
         let mut reader = self.reader.lock().unwrap_or_else(PoisonError::into_inner);
         match reader.as_mut() {
@@ -268,7 +270,7 @@ async fn open(wanted: &Wanted, steps: &Steps) -> Result<(UnixStream, About), Ope
         .cache_properties(CacheProperties::No)
         .build()
         .await?;
-    // first of all: frames that come while the rest is asked for are in the stream
+    // the stream is opened first, so that it has the frames that arrive during the calls below
     let descriptor = session
         .open_stream(&wanted.options)
         .await
@@ -306,7 +308,7 @@ async fn open(wanted: &Wanted, steps: &Steps) -> Result<(UnixStream, About), Ope
     Ok((stream, about))
 }
 
-/// The id of the running session; waits for one.
+/// The id of the running session; waits until there is one.
 async fn running(manager: &Manager1Proxy<'_>, steps: &Steps) -> Result<String, OpenError> {
     loop {
         let path = manager.active_session().await?;
@@ -320,7 +322,7 @@ async fn running(manager: &Manager1Proxy<'_>, steps: &Steps) -> Result<String, O
     }
 }
 
-/// The error of a stream that cannot be opened, as Python's.
+/// The Python error for a stream that cannot be opened.
 fn unopened(fault: &OpenError) -> PyErr {
     let text = survey::error_chain(fault);
     match fault {
@@ -337,7 +339,7 @@ fn unopened(fault: &OpenError) -> PyErr {
     }
 }
 
-/// The fields of a record; JSON stays text.
+/// The fields of a record as a dict; JSON stays text.
 fn fields(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
     let fields = PyDict::new(py);
     fields.set_item("sequence", record.sequence)?;

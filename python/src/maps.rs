@@ -16,17 +16,18 @@ use crate::baseline::{Recorded, unlike};
 use crate::forward::Forward;
 use crate::outcome::{Steps, detached, interruptible, rows, short};
 
-/// An array with a row a frame, and a count for each.
+/// An array with a row for each frame, and a count for each frame.
 type RowsAndCounts<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
 
 /// Verdict on a map, and the kind, electrode and text of each reason.
 type JudgedMap = (&'static str, Vec<(String, Option<usize>, String)>);
 
-/// A prepared reconstruction. The classes OneStep and TotalVariation make it from their parameters.
+/// A prepared reconstruction. The classes OneStep and TotalVariation create it from their parameters.
 #[pyclass(frozen, module = "tactus_eit._native")]
 pub(crate) struct Maps {
     model: Arc<Model>,
-    /// The same with a check of each frame, which takes as long as a set-up: made when maps are first judged.
+    /// The model with a check of each frame. Its preparation takes as long as a set-up, so that it is made when maps
+    /// are first judged.
     judging: OnceLock<Arc<Model>>,
     origin: Arc<(ReconstructionSettings, Recorded)>,
     notes: Vec<String>,
@@ -35,9 +36,9 @@ pub(crate) struct Maps {
 
 #[pymethods]
 impl Maps {
-    /// settings: ReconstructionSettings as JSON. sigma0: S per square, None where it is fitted to the baseline. current: A.
-    /// noise: V, None where it follows from the frames of the baseline. baseline: V, shape (frames, readings), NaN where a
-    /// reading is missing.
+    /// settings: ReconstructionSettings as JSON. sigma0: S per square, None to fit it to the baseline. current: A.
+    /// noise: V, None to estimate it from the frames of the baseline. baseline: V, shape (frames, readings), NaN for a
+    /// missing reading.
     #[new]
     #[pyo3(signature = (forward, settings, sigma0, current, noise, baseline))]
     fn new(
@@ -69,10 +70,10 @@ impl Maps {
         })
     }
 
-    /// Maps of frames (V, shape (frames, readings), NaN where a reading is missing): relative changes of conductance, shape
-    /// (frames, region), and the number of readings left out of each, shape (frames,). baselines: one for each frame, by
-    /// default the one of the constructor.
-    /// progress: called after each frame with the number of frames that are done, and of all.
+    /// Maps of frames (V, shape (frames, readings), NaN for a missing reading): relative changes of conductance, shape
+    /// (frames, region), and the number of readings left out of each frame, shape (frames,). baselines: one for each
+    /// frame, by default that of the constructor. progress: called after each frame with the number of completed frames
+    /// and of all frames.
     #[pyo3(signature = (frames, baselines=None, progress=None))]
     fn maps<'py>(
         &self,
@@ -117,8 +118,8 @@ impl Maps {
         ))
     }
 
-    /// How far the map of each frame can be believed: its verdict, and the kind, electrode (from 0, or None) and text of each
-    /// reason. progress: as of maps.
+    /// Quality of the map of each frame: its verdict, and the kind, electrode (from 0, or None) and text of each
+    /// reason. progress: as for maps.
     #[pyo3(signature = (frames, progress=None))]
     fn judged(
         &self,
@@ -148,7 +149,7 @@ impl Maps {
                     Ok(map) => map,
                     Err(fault) => return Ok(Err((row, fault))),
                 };
-                // a model of `imaging::judging` judges its maps
+                // not reached without a quality: a model of `imaging::judging` judges all its maps
                 let quality = map.quality.unwrap_or_else(|| MapQuality::of(&[]));
                 let reason = |reason: Reason| {
                     let from_zero = reason.electrode.map(|number| number.saturating_sub(1));
@@ -165,7 +166,7 @@ impl Maps {
         let (model, judged) = made
             .map_err(|fault| unlike(&fault))?
             .map_err(|(row, fault)| unmapped(row, &fault))?;
-        // another thread can have made the same
+        // an error means that another thread has set the same model
         let _ = self.judging.set(model);
         Ok(judged)
     }
@@ -176,7 +177,7 @@ impl Maps {
         self.model.reconstructor.method()
     }
 
-    /// Decisions and assumptions, a sentence each.
+    /// Decisions and assumptions of the set-up, a sentence each.
     #[getter]
     fn notes(&self) -> Vec<String> {
         let mut notes = self.notes.clone();
@@ -197,7 +198,7 @@ impl Maps {
         )
     }
 
-    /// Standard deviation of one reading over the frames of the baseline, V; None where there is one frame.
+    /// Standard deviation of one reading over the frames of the baseline, V; None for a single frame.
     #[getter]
     fn deviation(&self) -> Option<f64> {
         self.recorded().unloaded.noise
@@ -209,7 +210,7 @@ impl Maps {
         PyArray1::from_slice(py, &self.recorded().fitted.geometry.sigma0)
     }
 
-    /// Signal-to-noise ratio of the readings over that of a map; None where it is not defined.
+    /// Signal-to-noise ratio of the readings divided by that of a map; None if it is not defined.
     fn noise_figure(&self, py: Python<'_>) -> PyResult<Option<f64>> {
         detached(py, || self.model.reconstructor.noise_figure())
     }
@@ -220,7 +221,7 @@ impl Maps {
         &self.origin.1
     }
 
-    /// A baseline for each of `count` frames.
+    /// The given baselines, one for each of `count` frames.
     fn of_each(&self, given: &Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Vec<Reading>>> {
         let given = rows_of_readings(given, "baselines", self.readings)?;
         if given.shape[0] != count {
@@ -237,7 +238,8 @@ impl Maps {
     }
 }
 
-/// Frames in rows as floats, shape (frames, readings); a single frame becomes a row. `missing`: NaN is allowed.
+/// Frames in rows as floats, shape (frames, readings); a single frame becomes one row. `missing`: whether NaN is
+/// allowed.
 #[pyfunction]
 pub(crate) fn as_frames<'py>(
     py: Python<'py>,
@@ -281,7 +283,7 @@ fn unmapped(row: usize, fault: &ReconstructError) -> PyErr {
     PyValueError::new_err(format!("row {row} of 'frames': {fault}"))
 }
 
-/// Frames in rows; NaN stands for a missing reading, infinite values are refused.
+/// Frames in rows; NaN is a missing reading, infinite values are refused.
 pub(crate) fn rows_of_readings(
     given: &Bound<'_, PyAny>,
     name: &str,
@@ -356,8 +358,8 @@ pub(crate) fn merit<'py>(
     Ok(figures)
 }
 
-/// Compares a map with the truth: a dict of correlation (Pearson's, weighted by area), relative_error (NaN for a truth without a
-/// load) and dice.
+/// Compares a map with the truth: a dict of correlation (Pearson's, weighted by area), relative_error (NaN for a truth
+/// without a load) and dice.
 ///
 /// values, truth, areas: floats of shape (n,), one a triangle or pixel.
 ///

@@ -27,11 +27,11 @@ use crate::sizes::{electrodes, fine, millimetres, seeded};
 #[derive(Debug)]
 pub(crate) struct Mesh {
     pub(crate) mesh: Arc<eit::Mesh>,
-    /// Contact impedances and unloaded conductance, where the source of the mesh states them.
+    /// Contact impedances and unloaded conductance; None if the source of the mesh does not state them.
     pub(crate) known: Option<Known>,
 }
 
-/// What a preset or a case folder states besides the mesh.
+/// The properties that a preset or a case folder states in addition to the mesh.
 #[derive(Debug, Clone)]
 pub(crate) struct Known {
     pub(crate) contact_ohm_m: Vec<f64>,
@@ -119,7 +119,7 @@ impl Mesh {
         };
         let usual = PaperSheet::default();
         let (width_mm, height_mm) = (millimetres("width", width)?, millimetres("height", height)?);
-        // the region keeps its share of the sheet
+        // the region keeps its share of the sheet's width and height
         let share = |mm: Option<f64>, usual: f64| mm.map_or(1.0, |mm| mm / usual);
         let sheet = PaperSheet {
             electrode: match electrode {
@@ -201,7 +201,8 @@ impl Mesh {
         Ok(Self::of(geometry.map_err(|fault| refused(&fault))?))
     }
 
-    /// The mesh of an EIDORS fwd_model of triangles, as ``scipy.io.loadmat(...)["fmdl"]`` returns it: see ``tactus_eit.eidors``.
+    /// The mesh of an EIDORS fwd_model of triangles, as ``scipy.io.loadmat(...)["fmdl"]`` returns it; see
+    /// ``tactus_eit.eidors``.
     #[staticmethod]
     fn from_eidors<'py>(py: Python<'py>, model: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         py.import("tactus_eit.eidors")?
@@ -273,7 +274,7 @@ impl Mesh {
         Some(PyArray1::from_slice(py, &known.contact_ohm_m))
     }
 
-    /// Conductance of each triangle without a load, S per square: shape (triangles,); None where it is not stated.
+    /// Conductance of each triangle without a load, S per square: shape (triangles,); None if it is not stated.
     #[getter]
     fn sigma0<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         let known = self.known.as_ref()?;
@@ -314,7 +315,7 @@ impl Mesh {
     }
 }
 
-/// The edges of each electrode, from a sequence with an array for each.
+/// The edges of each electrode, from a sequence of arrays.
 fn electrode_edges(given: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<[usize; 2]>>> {
     let expected = Expected {
         name: "electrodes",
@@ -341,7 +342,7 @@ fn points<'py>(py: Python<'py>, points: &[[f64; 2]]) -> PyResult<Bound<'py, PyAr
     )
 }
 
-/// A fault of a mesh with the way to mend it in Python.
+/// The Python error for a fault of a mesh, with advice how to correct it.
 fn mend(fault: &MeshError) -> PyErr {
     let hint = match fault {
         MeshError::Inverted { .. } => {
@@ -361,7 +362,7 @@ fn mend(fault: &MeshError) -> PyErr {
     pyo3::exceptions::PyValueError::new_err(format!("{fault}{hint}"))
 }
 
-/// Conductances as rows; a number stands for a uniform sheet.
+/// Conductances as rows, and the number of rows; a number is the conductance of a uniform sheet.
 pub(crate) fn conductances(
     given: &Bound<'_, PyAny>,
     name: &str,

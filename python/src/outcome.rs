@@ -13,10 +13,10 @@ use numpy::{Element, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
-/// Time between two looks whether the user has pressed Ctrl-C.
+/// Time between two checks for Ctrl-C.
 pub(crate) const LOOK: Duration = Duration::from_millis(50);
 
-/// Stack of a thread for work, bytes: as the main thread has.
+/// Stack of a worker thread, bytes: as large as that of the main thread.
 const STACK: usize = 8 << 20;
 
 /// Runs work without the interpreter's lock. A defect of the engine becomes a `RuntimeError`, so that Python code can
@@ -35,7 +35,8 @@ fn defect(cause: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("a defect of tactus_eit, please report it: {text}"))
 }
 
-/// What interruptible work reports to its caller, and is told by it.
+/// Passes the number of completed steps from interruptible work to its caller, and the caller's request to stop to the
+/// work.
 pub(crate) struct Steps {
     count: Option<Sender<Option<usize>>>,
     stopped: Arc<AtomicBool>,
@@ -45,7 +46,7 @@ impl Steps {
     /// Reports how many steps are done. Returns whether the work is still wanted.
     pub(crate) fn done(&self, steps: usize) -> bool {
         if let Some(count) = &self.count {
-            // a caller that has left has set the flag
+            // the send fails only if the caller has left; it has set the flag then
             let _ = count.send(Some(steps));
         }
         self.wanted()
@@ -57,11 +58,11 @@ impl Steps {
     }
 }
 
-/// Runs long work on a thread of its own, so that Ctrl-C ends the call at once. The engine cannot leave a factorisation half
-/// done: the work then ends at its next step without a result that anybody gets.
+/// Runs long work on a thread of its own, so that Ctrl-C ends the call at once. The engine cannot stop within a
+/// factorisation: the work ends at its next step, and its result is discarded.
 ///
-/// progress: called with the number of steps that are done, and of all; what it raises ends the work. See [`short`] for work
-/// that takes less time than a new thread.
+/// progress: called with the number of completed steps and of all steps; an exception that it raises ends the work. See
+/// [`short`] for work that takes less time than the start of a thread.
 pub(crate) fn interruptible<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<(&Bound<'_, PyAny>, usize)>,
@@ -85,12 +86,12 @@ pub(crate) fn interruptible<T: Send + 'static>(
         stopped.store(true, Ordering::Relaxed);
         return Err(interrupt);
     }
-    // it has reported its end
+    // the worker has reported its end, so that this does not wait
     let result = py.detach(|| worker.join()).and_then(|result| result);
     result.map_err(|cause| defect(cause.as_ref()))
 }
 
-/// Does the same work on the calling thread.
+/// Runs work on the calling thread, with the same interface as [`interruptible`].
 pub(crate) fn short<T: Send>(py: Python<'_>, work: impl FnOnce(&Steps) -> T + Send) -> PyResult<T> {
     let steps = Steps {
         count: None,
@@ -102,7 +103,7 @@ pub(crate) fn short<T: Send>(py: Python<'_>, work: impl FnOnce(&Steps) -> T + Se
 /// Waits until the worker has ended.
 fn waited(
     py: Python<'_>,
-    // without the interpreter's lock only what threads may share can be used
+    // in a mutex, because without the interpreter's lock only values that threads may share can be used
     messages: &Mutex<Receiver<Option<usize>>>,
     progress: Option<(&Bound<'_, PyAny>, usize)>,
 ) -> PyResult<()> {

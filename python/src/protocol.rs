@@ -7,10 +7,11 @@ use survey::{Dipole, Electrode, Measurement};
 use crate::arguments::{Expected, pairs};
 use crate::outcome::{refused, rows};
 
-/// More electrodes than any instrument has; the pattern has the square of them as readings.
+/// More electrodes than any instrument has. The number of readings grows with its square.
 const MOST_ELECTRODES: usize = 1024;
 
-/// The readings of a frame, in order: through which electrodes the current flows, and between which the voltage is read.
+/// The measurements of a frame, in order: the electrodes through which the current flows, and those between which the
+/// voltage is measured.
 ///
 /// Electrodes are counted from 0. Made by ``Protocol.sheffield``, ``Protocol.from_pairs`` or ``Protocol.from_case``.
 ///
@@ -26,8 +27,8 @@ pub(crate) struct Protocol(pub(crate) survey::Protocol);
 
 #[pymethods]
 impl Protocol {
-    /// The Sheffield pattern: current through each pair of electrodes that leaves ``skip`` others between its two, and the
-    /// voltage of every pair of that kind which shares no electrode with it.
+    /// The Sheffield pattern: current through each pair of electrodes with ``skip`` others between them, and for each
+    /// the voltages of all such pairs that share no electrode with it.
     ///
     /// electrodes: 4 to 1024. With ``skip=0``, ``electrodes * (electrodes - 3)`` readings.
     #[staticmethod]
@@ -139,7 +140,7 @@ impl Protocol {
         Ok(Self(protocol))
     }
 
-    /// The protocol of an EIDORS fwd_model with its stimulation, as ``scipy.io.loadmat(...)["fmdl"]`` returns it: see
+    /// The protocol of an EIDORS fwd_model with its stimulation, as ``scipy.io.loadmat(...)["fmdl"]`` returns it; see
     /// ``tactus_eit.eidors``.
     #[staticmethod]
     fn from_eidors<'py>(py: Python<'py>, model: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
@@ -147,7 +148,7 @@ impl Protocol {
             .call_method1("protocol", (model,))
     }
 
-    /// The protocol with electrode ``e`` named ``order[e]``, as ``check`` returns it.
+    /// The protocol with electrode ``e`` renamed to ``order[e]``, where ``order`` is as ``check`` returns it.
     ///
     /// order: integers of shape (electrodes,), each electrode once.
     fn renumbered(&self, order: &Bound<'_, PyAny>) -> PyResult<Self> {
@@ -195,13 +196,13 @@ impl Protocol {
         self.0.electrodes()
     }
 
-    /// Source and sink of each reading: shape (readings, 2), from 0.
+    /// Source and sink electrode of each reading: shape (readings, 2), from 0.
     #[getter]
     fn inject<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         self.pairs(py, |one| one.drive)
     }
 
-    /// Plus and minus of each reading: shape (readings, 2), from 0.
+    /// Plus and minus electrode of each reading: shape (readings, 2), from 0.
     #[getter]
     fn measure<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         self.pairs(py, |one| one.sense)

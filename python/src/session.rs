@@ -14,17 +14,17 @@ use crate::arguments::Expected;
 use crate::outcome::{detached, rows};
 use crate::protocol::Protocol;
 
-/// Frames between two looks whether the user has pressed Ctrl-C.
+/// Frames between two checks for Ctrl-C.
 const FRAMES_AT_A_TIME: usize = 256;
 
-/// A session with all its parts. ``tactus_eit.open_session`` makes the class Session of it.
+/// A session with all its parts. ``tactus_eit.open_session`` wraps it in the class Session.
 #[pyclass(frozen, module = "tactus_eit._native")]
 pub(crate) struct SessionFile {
     path: PathBuf,
     about: About,
 }
 
-/// What there is besides the frames.
+/// Everything in the session except its frames.
 struct About {
     header: logbook::SessionHeader,
     baseline: Option<survey::Baseline>,
@@ -33,7 +33,7 @@ struct About {
     frames: u64,
 }
 
-/// Columns of the frames.
+/// Columns of the table of frames.
 #[derive(Default)]
 struct Columns {
     sequence: Vec<i64>,
@@ -60,7 +60,7 @@ impl SessionFile {
         Ok(Self { path, about })
     }
 
-    /// The frames from sequence number `first` to `last`: a dict of arrays with a row a frame.
+    /// The frames from sequence number `first` to `last`: a dict of arrays with a row for each frame.
     #[pyo3(signature = (first, last=None))]
     fn frames<'py>(
         &self,
@@ -111,7 +111,7 @@ impl SessionFile {
         Protocol(self.about.header.protocol.clone())
     }
 
-    /// The baseline, V, NaN where a reading is missing: shape (readings,); None where there is none.
+    /// The baseline, V, NaN for a missing reading: shape (readings,); None without a baseline.
     #[getter]
     fn baseline<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         let baseline = self.about.baseline.as_ref()?;
@@ -121,7 +121,7 @@ impl SessionFile {
         ))
     }
 
-    /// Standard deviation of each reading of the baseline, V: shape (readings,); None where there is no baseline.
+    /// Standard deviation of each reading of the baseline, V: shape (readings,); None without a baseline.
     #[getter]
     fn baseline_deviation<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         let baseline = self.about.baseline.as_ref()?;
@@ -129,7 +129,7 @@ impl SessionFile {
         Some(PyArray1::from_vec(py, deviation.collect()))
     }
 
-    /// Microseconds since 1970, kind and text of each event.
+    /// Time (us since 1970 UTC), kind and text of each event.
     #[getter]
     fn events(&self) -> Vec<(i64, &str, &str)> {
         let each = self.about.events.iter();
@@ -166,11 +166,11 @@ impl About {
 }
 
 impl SessionFile {
-    /// Reads the frames. Called without the interpreter's lock; takes it to look for Ctrl-C.
+    /// Reads the frames. Must be called without the interpreter's lock; takes the lock to check for Ctrl-C.
     fn columns(&self, first: u64, last: u64) -> PyResult<Columns> {
         let parts = SessionParts::open(&self.path).map_err(|fault| unread(&self.path, &fault))?;
         let mut columns = Columns::default();
-        // the number of the frame before; a damaged one has at least the next
+        // the number of the previous frame; a damaged frame has at least the next number
         let mut before = first.max(1) - 1;
         for (count, record) in parts.frames_from(first).enumerate() {
             if count % FRAMES_AT_A_TIME == 0 {
@@ -223,7 +223,7 @@ fn unread(path: &Path, fault: &LogbookError) -> PyErr {
     }
 }
 
-/// The words of the bits of a frame's quality, from the lowest.
+/// The names of the bits of a frame's quality, from the lowest bit.
 #[pyfunction]
 pub(crate) fn quality_flags() -> Vec<&'static str> {
     QualityFlag::ALL.iter().map(|flag| flag.word()).collect()

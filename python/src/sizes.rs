@@ -4,7 +4,8 @@ use pyo3::prelude::*;
 
 use crate::arguments::Expected;
 
-/// A length in m as the mm of the presets; a decimal number of m is the same decimal number of mm, to the bit.
+/// Converts a length in m to the mm of the presets: a decimal number of m becomes exactly the same decimal number of
+/// mm.
 pub(crate) fn millimetres(name: &str, metres: Option<&Bound<'_, PyAny>>) -> PyResult<Option<f64>> {
     let expected = Expected {
         name,
