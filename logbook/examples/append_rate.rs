@@ -1,6 +1,7 @@
-//! Measures frames a second with a sync each, and bytes a frame: `cargo run --release -p tactus-logbook --example append_rate`.
-//! 598 readings whose mean spans 4,700 : 1, noise of 2 uV rms. Name a folder to measure another disk than the temporary
-//! one. The rate is that of the disk's sync; it says nothing about another disk.
+//! Measures the frames per second with one sync for each frame, and the bytes per frame: `cargo run --release -p
+//! tactus-logbook --example append_rate`. A frame has 598 readings with means in a range of 4,700 : 1 and noise of 2
+//! uV rms. The argument is a folder on the disk to be measured, by default the temporary folder. The rate depends on
+//! the sync time of that disk.
 
 use std::time::Instant;
 
@@ -104,7 +105,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "  {:.0} frames/s with a sync for {GROUP} frames: the last {GROUP} are what a power cut may cost",
             FRAMES as f64 / grouped.as_secs_f64(),
         );
-        // Of the frame's own noise alone: log2(sqrt(2 pi e) sd / step) a reading.
+        // Entropy of the frame's noise alone: log2(sqrt(2 pi e) sd / step) for each reading.
         let entropy: f64 = frames[0]
             .readings
             .iter()

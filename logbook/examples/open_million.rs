@@ -1,6 +1,6 @@
 //! Measures how long it takes to open a session of a million frames again:
-//! `cargo run --release -p tactus-logbook --example open_million`. Another number of frames, and a folder on another disk than
-//! the temporary one, may be named.
+//! `cargo run --release -p tactus-logbook --example open_million -- [FRAMES] [FOLDER]`. The default folder is a
+//! temporary one; another folder selects another disk.
 
 use std::time::Instant;
 
@@ -8,12 +8,12 @@ use logbook::{SessionHeader, SessionReader, SessionWriter};
 use noisy::{Digits, Rig, at};
 use survey::Baseline;
 
-// It needs no more than a part of it.
+// This example uses only a part of the module.
 #[allow(dead_code)]
 #[path = "../tests/example_frames/noisy.rs"]
 mod noisy;
 
-/// Frames that are made; the record holds them over and over, for packing costs the same.
+/// Number of distinct frames. The record repeats them, because packing a repeated frame takes the same time.
 const MADE: u64 = 4096;
 const GROUP: usize = 512;
 
@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         writer.bytes(),
         began.elapsed().as_secs_f64()
     );
-    // As a process that is killed leaves it: nothing is folded in on the way out.
+    // Imitates a killed process: the journal is not folded into the file.
     std::mem::forget(writer);
     let journal = path.with_extension("tactus-wal");
     println!(

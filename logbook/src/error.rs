@@ -17,7 +17,7 @@ pub enum DiskFault {
 }
 
 impl DiskFault {
-    /// What to do about it.
+    /// Advice for the user.
     fn advice(self) -> &'static str {
         match self {
             Self::Full => "free space on the disk; a running session continues by itself",
@@ -29,10 +29,10 @@ impl DiskFault {
     }
 }
 
-/// What went wrong with which file, and what to do.
+/// An error with the file and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum LogbookError {
-    /// The disk took no more: full, failing, or no longer writable. Frames acknowledged before are safe.
+    /// The disk refuses writes: full, failing, or read-only. Frames acknowledged before are safe.
     #[error(
         "the disk reports an error: cannot {attempt} {path}; earlier frames are safe; {}", fault.advice()
     )]
@@ -60,7 +60,7 @@ pub enum LogbookError {
         #[source]
         source: rusqlite::Error,
     },
-    /// The open file is no longer the one at its path: what is written to it would be lost.
+    /// The open file is no longer the one at its path; everything written to it would be lost.
     #[error("{path} {why} while it was recorded")]
     Gone {
         /// Its former path.
@@ -97,9 +97,9 @@ pub enum LogbookError {
     OtherSchema {
         /// The file.
         path: PathBuf,
-        /// What it has.
+        /// Its schema version.
         has: i64,
-        /// What can be read.
+        /// The version that can be read.
         reads: i64,
     },
     /// Another process owns the state directory.
@@ -154,7 +154,7 @@ pub enum LogbookError {
     /// A time that does not fit 64 bits of nanoseconds.
     #[error("{what} is out of range: wall times reach from 1677 to 2262, durations to 292 years")]
     TimeOutOfRange {
-        /// Which time.
+        /// Which time it is.
         what: &'static str,
     },
     /// The file disagrees with its checksum or layout.
@@ -356,7 +356,7 @@ fn is_lock(source: &rusqlite::Error) -> bool {
     )
 }
 
-/// "the frames" of "read the frames of".
+/// The object of an attempt: "the frames" of "read the frames of".
 fn object_of(attempt: &str) -> &str {
     let object = attempt
         .split_once(' ')

@@ -1,4 +1,4 @@
-//! Types of a session file besides the readings: header, events, map records, summaries.
+//! Types of a session file other than readings: header, events, map records, summaries.
 
 use std::fmt;
 use std::path::PathBuf;

@@ -1,18 +1,19 @@
 //! Session files: sessions, baselines, frames, events.
 //!
-//! One SQLite file a session, `<id>.tactus`, in one folder. When [`SessionWriter::append`] returns, the frame is on
-//! disk: it survives `kill -9` and, if the disk honours syncs, a power cut. Voltages are recorded to the last bit. Values of
-//! maps are not recorded, but their hash, a checksum and their origin ([`MapRecord`]). The crate reads no clock (time is
-//! passed in), depends on no instrument or mathematics, and refuses numbers that are not finite.
+//! One SQLite file for each session, `<id>.tactus`, in one folder. When [`SessionWriter::append`] returns, the frame
+//! is on disk: it survives `kill -9` and, if the disk honours syncs, a power cut. Voltages are recorded to the last
+//! bit. Maps are recorded without their values: only a hash, a checksum and the origin ([`MapRecord`]). The crate
+//! reads no clock (time is passed in), depends on no instrument or mathematics, and refuses numbers that are not
+//! finite.
 //!
 //! - **session**: one run of measurement, or the recording of a **baseline**; its **header** holds its settings and
 //!   origin
 //! - **record**: a frame as read from the file, with its quality and the hash of its map
-//! - **event**: something worth finding later, with its time
+//! - **event**: an occurrence to be found later, with its time
 //! - **part**: one file of a session that was rolled over; it names the part that it continues
 //! - **daemon log**: events that belong to no session, as lines of JSON, bounded in size
 //! - **index**: cached summaries of the sessions of a folder
-//! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is readable all the same
+//! - **closed**: how a session ended; a session whose writer was killed has no such entry, but is readable
 //!
 //! [`SessionWriter::resume`] continues after a crash, [`SessionWriter::roll`] in the next part,
 //! [`SessionWriter::successor`] after an I/O error; [`verify`](fn@verify), [`repair`](fn@repair) and

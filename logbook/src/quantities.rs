@@ -1,7 +1,8 @@
-//! Rows of quantities of a session, in a file beside it: one line for each minute, appended when the minute ends.
+//! Rows of quantities of a session, in a file next to it: one line for each minute, appended when the minute ends.
 //!
-//! They are derived from the frames and can be computed again. A line has the first 8 hexadecimal digits of its SHA-256, a
-//! space, and JSON. A last line that was written in part is not read.
+//! They are derived from the frames and can be computed again. A line consists of the first 8 hexadecimal digits of
+//! the SHA-256 of its JSON, a space, and the JSON. A line that does not match its checksum, such as a partly written
+//! last line, is skipped and counted as damaged.
 
 use std::fs::OpenOptions;
 use std::path::{Path, PathBuf};
@@ -50,9 +51,9 @@ pub struct QuantityLine {
 /// The quantities of a session.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QuantityLines {
-    /// The lines that are whole, in the order of writing.
+    /// The intact lines, in the order of writing.
     pub lines: Vec<QuantityLine>,
-    /// How many are damaged.
+    /// Number of damaged lines.
     pub damaged: usize,
 }
 

@@ -1,42 +1,46 @@
 //! The layout of a session file, for readers in other tools.
 //!
 //! An SQLite database, `application_id` 0x54616374 ("Tact"), `user_version` [`VERSION`]. While it is written it is in
-//! WAL mode with `synchronous = EXTRA`; closing it leaves a single file in rollback mode, readable from a read-only disk.
-//! Columns say their unit: `_ns` and `_us` are nanoseconds and microseconds, of wall times since 1970 UTC, `_a` and `_v`
-//! amperes and volts; electrodes are counted from 0. Pages are of 512 bytes, so that the
-//! commit of one row writes little.
+//! WAL mode with `synchronous = EXTRA`; closing it leaves a single file in rollback mode, readable from a read-only
+//! disk. Columns have their unit in their name: `_ns` and `_us` are nanoseconds and microseconds (wall times since
+//! 1970 UTC), `_a` and `_v` amperes and volts. Electrodes are counted from 0. Pages have 512 bytes, so that the
+//! commit of one row writes few bytes.
 //!
 //! | table | holds |
 //! |---|---|
-//! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), what a lab needs to know (JSON), the options it was started with (JSON), the part that it goes on from and the sequence of its first frame; and, once closed, when, why, and how many rows each table had (JSON), with a checksum of its own |
-//! | `settings` | one row for each way in which frames were taken; what was done against noise, offset and drift as JSON |
+//! | `session` | one row: id, kind, start, build, seed (decimal text), configuration and its hash, model and geometry hash, protocol, instruments and modules (JSON), notes about the experiment (JSON), the options it was started with (JSON), the part that it continues and the sequence of its first frame; and, once closed, when, why, and the number of rows of each table (JSON), with a checksum of its own |
+//! | `settings` | one row for each set of measuring settings of frames; measures against noise, offset and drift as JSON |
 //! | `mapper` | one row for each method, model, build and CPU that made maps |
 //! | `baseline` | the baseline in use: readings and deviations as [`crate::codec`] blobs |
-//! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, that later frames are differences to |
-//! | `stretch` | one row for frames that were taken alike: settings, mapper, whether simulated; and a first frame with its times and the distance of frames |
-//! | `frame` | one row a frame: its times against its stretch's, where its readings are, readings of one or more frames as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, what is rare as JSON (readings that no load explains, driving electrodes in compliance), the trace of its map, big-endian in a number: the first 4 bytes of its hash, the 4 bytes (little-endian, single precision) of its [`survey::Map::signed_sum`]; 8 bytes of a hash where there is no sum; a text where the hash is no SHA-256 |
+//! | `reference` | means of sixteen frames, as [`crate::codec`] blobs, to which later frames are stored as differences |
+//! | `stretch` | one row for frames taken in the same way: settings, mapper, whether simulated; and a first frame with its times and the period of the frames |
+//! | `frame` | one row a frame: its times relative to its stretch, the location of its readings, readings of one or more frames as a blob of [`crate::codec`], quality flags (bits in the order of [`survey::QualityFlag`]), largest sum round the ring, rare data as JSON (readings that no load explains, driving electrodes in compliance), the trace of its map, big-endian in a number: the first 4 bytes of its hash, the 4 bytes (little-endian, single precision) of its [`survey::Map::signed_sum`]; 8 bytes of a hash if there is no sum; a text if the hash is not a SHA-256 |
 //! | `taken` | a view: monotonic and wall time of each frame |
-//! | `late_map` | the trace of a map that was made after its frame had been written; numbered in the order of writing |
-//! | `event` | time, one word, one sentence |
+//! | `late_map` | the trace of a map that was computed after its frame had been written; numbered in the order of writing |
+//! | `event` | time, kind (one word), text (one sentence) |
 //!
-//! Frames that were written with one sync share blobs, up to 32 each: the first one's row holds the blob, and the
-//! `place` of each row counts from there. With a `place` above 0 `readings` and `reference` are NULL, and the readings are
-//! frame `place` (from 0) of the blob in row `sequence - place`.
+//! Frames that were written with one sync share blobs, up to 32 each: the row of the first one holds the blob, and
+//! the `place` of each row counts from there. In a row with a `place` above 0, `readings` and `reference` are NULL,
+//! and the readings are frame `place` (from 0) of the blob in row `sequence - place`.
 //!
-//! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
-//! `reference`, which itself refers to nothing or to the baseline. Times of a frame are kept to the microsecond:
-//! monotonic = stretch.monotonic + (sequence - stretch.sequence) x period + tick, wall = stretch.wall +
-//! (sequence - stretch.sequence) x period + tick + skew. What
-//! follows from the readings (how many are not ok, how far reciprocal twins differ) is not kept.
+//! `frame.reference` is the reference of the blob's differences: NULL none, 0 the baseline, n row n of `reference`,
+//! which itself refers to nothing or to the baseline. Times of a frame are stored to the microsecond:
 //!
-//! `checksum` is the beginning of the SHA-256 over the name of the table, the header's checksum, the row's number and its
-//! content: 4 bytes of frames and late maps, 8 of all others; a row that does not agree with it is an error, never a
-//! number. Rows of `event`, `reference`, `stretch`, `settings`, `mapper` and (column `number`) `late_map` are numbered
-//! from 1 without a gap, frames from the header's first sequence: a row missing between two others is therefore detected, and a row missing at the
-//! end is detected by the counts of the closing entry. In a session that was not closed, rows missing at the end of a table are
-//! detected only if a later row refers to them.
+//! - monotonic = stretch.monotonic + (sequence - stretch.sequence) x period + tick
+//! - wall = stretch.wall + (sequence - stretch.sequence) x period + tick + skew
 //!
-//! A file with any other table, view, trigger or index, or with other columns, is refused before a row of it is read.
+//! Values that follow from the readings (the number of invalid readings, the largest difference of reciprocal
+//! readings) are not stored.
+//!
+//! `checksum` is the beginning of the SHA-256 of the table's name, the header's checksum, the row's number and its
+//! content: 4 bytes for frames and late maps, 8 for all others. A row that does not match its checksum is an error;
+//! no value of it is returned. Rows of `event`, `reference`, `stretch`, `settings`, `mapper` and (column `number`)
+//! `late_map` are numbered from 1 without a gap, frames from the header's first sequence: a row missing between two
+//! others is therefore detected, and a row missing at the end is detected by the counts of the closing entry. In a
+//! session that was not closed, rows missing at the end of a table are detected only if a later row refers to them.
+//!
+//! A file with any other table, view, trigger or index, or with other columns, is refused before any of its rows is
+//! read.
 
 use std::sync::OnceLock;
 
@@ -159,10 +163,10 @@ CREATE TABLE event (
 ) STRICT;
 ";
 
-/// Bytes of a page. A commit writes each page that it changes whole, so that small ones write less; most of a row lies
-/// on pages of its own, which it fills.
+/// Bytes of a page. A commit writes each page that it changes as a whole, so small pages reduce the bytes written;
+/// most of a row is on pages that it fills alone.
 pub(crate) const PAGE: u32 = 512;
-/// Pages in the journal beyond which it is folded into the file: 2 MB, at a frame a second some 20 minutes.
+/// Pages in the journal beyond which it is folded into the file: 2 MB, about 20 minutes at a frame a second.
 pub(crate) const JOURNAL: u32 = 4000;
 
 pub(crate) fn create_tables(connection: &Connection) -> rusqlite::Result<()> {

@@ -1,5 +1,5 @@
-//! States that a later daemon continues, in files beside the sessions. A state is replaced as a whole; a damaged one is an error,
-//! never another state.
+//! States that a later daemon continues from, in files next to the sessions. A state is replaced as a whole; a
+//! damaged one is an error.
 
 use std::path::{Path, PathBuf};
 
@@ -8,12 +8,12 @@ use sha2::{Digest, Sha256};
 
 use crate::LogbookError;
 
-/// What a state belongs to.
+/// The kinds of state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StateKind {
-    /// A tracked baseline: of a baseline the latest state, of a session the one that it began with.
+    /// A tracked baseline: for a baseline its latest state, for a session the state at its start.
     Tracking,
-    /// The quantities over time of a session.
+    /// The quantities of a session over time.
     Course,
 }
 
@@ -42,7 +42,7 @@ pub(crate) fn checksum(text: &str) -> String {
     survey::hex(&Sha256::digest(text))
 }
 
-/// Keeps the state of this session or baseline, in place of an earlier one.
+/// Stores the state of this session or baseline and replaces an earlier one.
 ///
 /// # Errors
 /// A disk error; the earlier state is still there.

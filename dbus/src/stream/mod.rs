@@ -117,7 +117,7 @@ pub enum Body {
         /// `after` of `tactus watch --fast --json`.
         json: String,
     },
-    /// Precision of the values of the frame of this sequence, relative to the sheet without its load.
+    /// Precision of each value for the frame of this sequence, relative to the sheet without its load.
     Deviation {
         /// Standard deviation of the change of ln conductance, one value for each triangle of the region; NaN if the
         /// frame does not determine it.

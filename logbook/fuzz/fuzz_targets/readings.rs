@@ -1,5 +1,5 @@
-//! The codec of a frame's readings, both ways: arbitrary bytes are unpacked or refused, and arbitrary readings come back
-//! to the last bit, whatever they are packed against. Nothing panics.
+//! The codec of a frame's readings in both directions: arbitrary bytes are unpacked or refused, and arbitrary
+//! readings are restored to the last bit with any reference. Nothing panics.
 
 #![no_main]
 
@@ -25,7 +25,7 @@ fuzz_target!(|bytes: &[u8]| {
     comes_back(std::slice::from_ref(&second), &Reference::NONE);
     let half = second.len() / 2;
     comes_back(&[second[..half].to_vec(), second[half..2 * half].to_vec()], &reference);
-    // Of the same length, so that every reading has one to be taken against.
+    // A reference of the same length, so that every reading has a reference value.
     let turned: Vec<Reading> = second.iter().rev().copied().collect();
     comes_back(&[second], &Reference::new(&turned));
 });
@@ -60,8 +60,8 @@ fn bits(readings: &[Reading]) -> Vec<(u8, u64)> {
         .collect()
 }
 
-/// One reading for every first byte and what it wants behind it: any 64 bits, a decimal as a voltmeter sends it, a
-/// small step from the one before, a flag.
+/// One reading for each first byte and the bytes that its kind needs: any 64 bits, a decimal as sent by a voltmeter,
+/// a small step from the previous reading, or a flag.
 fn readings(mut bytes: &[u8]) -> Vec<Reading> {
     let mut readings = Vec::new();
     let mut counts = 0_i32;

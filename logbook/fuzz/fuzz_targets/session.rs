@@ -1,6 +1,6 @@
-//! A session's file, closed or left behind by a killed writer with its journal, damaged as the fuzzer says: bytes written
-//! over, pieces copied to other places, zeros, an end cut off; now and then only the fuzzer's bytes. Reader and `verify`
-//! neither panic nor go on for ever, and what passes its checksum is what was written.
+//! A session's file, closed or left by a killed writer with its journal, with damage chosen by the fuzzer: bytes
+//! overwritten, pieces copied to other places, zeros, a truncated end; sometimes only the fuzzer's bytes. Reader and
+//! `verify` neither panic nor loop for ever, and content that passes its checksum is what was written.
 
 #![no_main]
 
@@ -21,9 +21,9 @@ struct Written {
     baseline: Baseline,
     frames: Vec<Frame>,
     events: Vec<Event>,
-    /// Closed: its file alone.
+    /// The file of a closed session.
     closed: Vec<u8>,
-    /// Killed: its file and the journal beside it.
+    /// The file of a killed writer and its journal.
     killed: [Vec<u8>; 2],
 }
 
@@ -93,14 +93,14 @@ fn read(path: &Path, written: &Written, forged: bool) {
     }
 }
 
-/// The bytes with damage, and whether so much of it was chosen freely that a checksum may have been made to agree:
-/// checksums tell damage, not forgery.
+/// Returns the damaged bytes, and whether the fuzzer chose so many bytes that a checksum may match by construction:
+/// checksums detect damage, not forgery.
 fn damage(bytes: &[u8], mut orders: &[u8]) -> (Vec<u8>, bool) {
     let mut damaged = bytes.to_vec();
     let (mut chosen, mut behind) = (0, 0);
     while let Some((&[order, low, high, length], rest)) = orders.split_first_chunk() {
         orders = rest;
-        // There, or where the order before came to its end: some numbers are longer than one order.
+        // At the given place, or after the previous order: some numbers are longer than one order.
         let at = match order % 8 {
             4 => behind,
             _ => place(bytes, low, high),
@@ -120,7 +120,7 @@ fn damage(bytes: &[u8], mut orders: &[u8]) -> (Vec<u8>, bool) {
             }
             5 => damaged[at..end].fill(0),
             6 => {
-                // A whole sector or page that came from elsewhere, or a few bytes.
+                // A whole sector or page from another place, or a few bytes.
                 let size = [usize::from(length), 512, 4096, 16_384][usize::from(order >> 3) % 4];
                 let from = usize::from(order >> 5) * bytes.len() / 8 / size.max(1) * size;
                 let to = if size < 512 { at } else { at / size * size };
@@ -134,11 +134,11 @@ fn damage(bytes: &[u8], mut orders: &[u8]) -> (Vec<u8>, bool) {
             }
         }
     }
-    // Fewer than a frame's checksum has.
+    // A frame's checksum has 4 bytes.
     (damaged, chosen >= 4)
 }
 
-/// A place that holds something: most of a small file's pages is zeros.
+/// A place with a nonzero byte: most bytes of a small file are zeros.
 fn place(bytes: &[u8], low: u8, high: u8) -> usize {
     let wanted = usize::from(u16::from_le_bytes([low, high])) * bytes.len() / 65_536;
     let later = bytes[wanted..].iter().position(|byte| *byte != 0);
@@ -211,7 +211,7 @@ fn write() -> Written {
     let closed = get(&path);
     std::fs::remove_dir_all(&made).expect("a temporary folder");
 
-    // What is there without damage is all of it, else the rest would hold for nothing.
+    // Without damage all content must be readable; otherwise the other checks would be meaningless.
     let written = Written {
         folder,
         header,
@@ -234,7 +234,7 @@ fn write() -> Written {
     written
 }
 
-/// Steps of 0.1 uV with every kind of gap, and a reading that no nine digits hold.
+/// Readings in steps of 0.1 uV with every kind of flag, and one that has more than nine digits.
 fn frame(protocol: &Protocol, number: u64) -> Frame {
     let readings = (0..protocol.len() as u64).map(|k| match (k + number) % 37 {
         5 => Reading::Overload,

@@ -15,12 +15,12 @@ fn power(places: u8) -> f64 {
     POWERS[usize::from(places.min(MOST_PLACES))]
 }
 
-/// integer / 10^places.
+/// Returns integer / 10^places.
 pub(super) fn value(integer: i64, places: u8) -> f64 {
     integer as f64 / power(places)
 }
 
-/// The integer whose [`value`] has the same bits as the voltage; `None` where there is none below 2^53.
+/// The integer whose [`value`] has the same bits as the voltage; `None` if there is none below 2^53.
 pub(super) fn integer(volts: f64, places: u8) -> Option<i64> {
     let scaled = (volts * power(places)).round_ties_even();
     let integer = scaled as i64;

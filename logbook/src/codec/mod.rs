@@ -1,10 +1,10 @@
-//! Packs the readings of one frame or several into a few hundred bytes each, without loss.
+//! Packs the readings of one or several frames into a few hundred bytes each, without loss.
 //!
 //! A voltmeter sends decimals of nine digits, `+d.ddddddddE+dd`, most of them with zeros at the end (a step of 0.1 uV).
 //! Each reading becomes an integer over a power of ten; its difference to the prediction from a reference (the
 //! baseline, or a mean of earlier frames) is stored. The crate `pco` packs the differences; its format is also read by
-//! [pcodec](https://pypi.org/project/pcodec/) in Python. A voltage that is no such decimal is stored as its 64 bits.
-//! Every finite `f64` is restored bit by bit; property tests prove it.
+//! [pcodec](https://pypi.org/project/pcodec/) in Python. A voltage that is not such a decimal is stored as its 64
+//! bits. Every finite `f64` is restored bit by bit, which property tests check.
 //!
 //! A blob holds frames of equal length one after the other, reading by reading. The caller must know the number of
 //! readings of a frame (from the session's protocol); the number of frames follows.
@@ -17,12 +17,13 @@
 //! | as many | with notes: a number for each reading, as a stream |
 //! | the rest | a number d for each reading, as a stream |
 //!
-//! A stream is of pco's standalone format: one chunk of 16, 32 or 64 bit integers, in its classic mode and without
-//! differences of its own.
+//! A stream has pco's standalone format: one chunk of 16, 32 or 64 bit integers, in classic mode and without pco's
+//! delta encoding.
 //!
-//! The decimal places q of a reading are p; with a reference of R volts (ok and not 0) the smaller of p and the places of
-//! the ninth digit of R (8 - floor(log10 |R|) of R rounded to nine digits, between 0 and 22). The prediction is R x 10^q,
-//! rounded to an integer, half to even; 0 where there is no R, or from 2^53 on. By its note a reading is
+//! The number of decimal places q of a reading is p. With a reference of R volts (valid and not 0) it is the smaller
+//! of p and the places of the ninth digit of R (8 - floor(log10 |R|) of R rounded to nine digits, between 0 and 22).
+//! The prediction is R x 10^q, rounded to an integer, half to even; 0 if there is no R, or from 2^53 on. The note of
+//! a reading determines its meaning:
 //!
 //! | note | reading |
 //! |---|---|
@@ -31,7 +32,7 @@
 //! | 4 | the `f64` whose bits are d |
 //! | 4 + n | as with note 0, with n decimal places more than q |
 //!
-//! Normal noise of 20 steps has an entropy of 6.37 bits a reading; `append_rate` prints what is reached.
+//! Normal noise of 20 steps has an entropy of 6.37 bits a reading; `append_rate` prints the size that is reached.
 
 mod decimal;
 mod numbers;
@@ -44,13 +45,13 @@ use survey::{Reading, Volts};
 use decimal::{MOST_PLACES, integer, most_places, ninth_digit, places, predicted, value};
 use numbers::{pack, unpack};
 
-/// The note of a voltage that is kept as its bits.
+/// The note of a voltage that is stored as its bits.
 const BITS: u8 = 4;
 
-/// Most frames of one blob: reading one of them unpacks all.
+/// Maximum number of frames of one blob: reading one of them unpacks all.
 pub const MOST_FRAMES: usize = 32;
 
-/// Readings that [`encode`] does not pack.
+/// Readings that [`encode`] cannot pack.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum EncodeError {
     /// The reading at this index of its frame is flagged ok and is not finite.
@@ -59,10 +60,10 @@ pub enum EncodeError {
     /// More than 65,535 readings.
     #[error("{0} readings; a frame holds 65,535 at most")]
     TooMany(usize),
-    /// No frames, more than [`MOST_FRAMES`], or frames of several lengths.
+    /// No frames, more than [`MOST_FRAMES`], or frames of different lengths.
     #[error("{0} frames cannot be packed together: pass 1 to {most} of the same length", most = MOST_FRAMES)]
     Frames(usize),
-    /// pco refuses.
+    /// An error of pco.
     #[error("the readings cannot be packed: {0}")]
     Refused(PcoError),
 }
@@ -88,8 +89,8 @@ impl From<PcoError> for DecodeError {
 /// none). Frames packed together take less space than one by one.
 ///
 /// # Errors
-/// A reading that is flagged ok and is not finite; more readings than a frame can hold; no frames, too many, or frames of
-/// several lengths.
+/// A reading that is flagged ok and is not finite; more readings than a frame can hold; no frames, too many, or
+/// frames of different lengths.
 pub fn encode(frames: &[&[Reading]], reference: &Reference) -> Result<Vec<u8>, EncodeError> {
     let count = frames.first().map_or(0, |frame| frame.len());
     u16::try_from(count).map_err(|_| EncodeError::TooMany(count))?;
@@ -120,7 +121,8 @@ pub fn encode(frames: &[&[Reading]], reference: &Reference) -> Result<Vec<u8>, E
     Ok(blob)
 }
 
-/// The decimal places that represent all decimals of the frames, as far as the largest stays an exact integer.
+/// The number of decimal places that represents all decimals of the frames, limited so that the largest is an exact
+/// integer.
 fn grid(frames: &[&[Reading]]) -> Result<u8, EncodeError> {
     let (mut grid, mut largest) = (0, 0.0_f64);
     for frame in frames {
@@ -249,7 +251,7 @@ impl Reference {
     /// No reference.
     pub const NONE: Self = Self(Vec::new());
 
-    /// From readings that the decoder has too: a baseline, or a reference of the record.
+    /// From readings that are also available for decoding: a baseline, or a reference in the session's file.
     pub fn new(readings: &[Reading]) -> Self {
         let prepared = readings.iter().map(|reading| {
             let volts = reading.volts().map_or(0.0, |volts| volts.0);

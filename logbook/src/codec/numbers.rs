@@ -9,7 +9,7 @@ use super::DecodeError;
 
 /// Packs numbers in the narrowest type that holds all of them, which shortens pco's description of their distribution.
 pub(super) fn pack(numbers: &[i64]) -> Result<Vec<u8>, PcoError> {
-    // Neighbours are different positions on the sheet: differences between them would only add up their noise.
+    // Neighbouring numbers are different positions on the sheet: differences between them would only add their noise.
     let config = ChunkConfig::default()
         .with_mode_spec(ModeSpec::Classic)
         .with_delta_spec(DeltaSpec::NoOp);
@@ -31,7 +31,7 @@ fn all_as<T: TryFrom<i64>>(numbers: &[i64]) -> Option<Vec<T>> {
 
 /// Bytes of a chunk before its description: the type and count of its numbers.
 const CHUNK_HEAD: usize = 4;
-/// First byte of a description in [`pack`]'s streams: four bits for pco's mode, four for its own differences.
+/// First byte of a description in [`pack`]'s streams: four bits for pco's mode, four for its delta encoding.
 const PLAIN: u8 = 0;
 /// First version of pco's format with this description.
 const FORMAT: u8 = 3;

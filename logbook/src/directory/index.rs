@@ -1,8 +1,9 @@
 //! Index of the sessions of a folder: a file is opened only if it has changed since it was last read.
 //!
-//! The index may be stored beside the sessions (`sessions-1.index`, one line each; [`index_file`](super::index_file)).
-//! It is only a cache: an entry is used only if inode, size and times of the session's file agree with it and the
-//! line's checksum is valid. If the index is missing or damaged, the sessions themselves are read.
+//! The index may be stored next to the sessions (`sessions-1.index`, one line each;
+//! [`index_file`](super::index_file)). It is only a cache: an entry is used only if inode, size and times of the
+//! session's file agree with it and the line's checksum is valid. If the index is missing or damaged, the sessions
+//! themselves are read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -80,7 +81,7 @@ impl Index {
                 continue;
             }
             let path = self.dir.join(name);
-            // as of before the file is read: it may change while it is
+            // determined before the file is read, because the file may change meanwhile
             let settled = stamp.is_settled(now());
             let found = SessionReader::open(&path).and_then(|session| session.summary());
             let entry = Entry {
@@ -99,7 +100,7 @@ impl Index {
         Ok(())
     }
 
-    /// How many files [`Index::refresh`] would open.
+    /// Number of files that [`Index::refresh`] would open.
     ///
     /// # Errors
     /// The folder cannot be read.

@@ -9,7 +9,7 @@ use crate::LogbookError;
 /// Name of the lock file in a state directory.
 pub(crate) const LOCK_FILE: &str = "tactus.lock";
 
-/// The lock, held as long as this value lives; the kernel releases it when the process ends, however it ends.
+/// The lock, held until this value is dropped; the kernel also releases it when the process ends for any reason.
 #[derive(Debug)]
 pub struct StateLock {
     file: File,
@@ -25,7 +25,7 @@ impl StateLock {
 
 impl Drop for StateLock {
     fn drop(&mut self) {
-        // An empty file names no stale owner; if this fails the kernel still releases the lock.
+        // An empty file names no stale owner; if this fails, the kernel still releases the lock.
         let _ = self.file.set_len(0);
     }
 }
@@ -33,7 +33,8 @@ impl Drop for StateLock {
 /// Locks a state directory for this process; creates the directory if needed.
 ///
 /// # Errors
-/// [`LogbookError::AlreadyRunning`] with the process number of the owner; or the directory cannot be made or written.
+/// [`LogbookError::AlreadyRunning`] with the process number of the owner; or the directory cannot be created or
+/// written.
 pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
     let dir = dir.as_ref();
     std::fs::create_dir_all(dir)

@@ -13,7 +13,7 @@ use chrono::{DateTime, Utc};
 use crate::files::{self, id_of, part_of};
 use crate::{Index, LogbookError, SessionKind, SessionSummary};
 
-/// What a folder holds.
+/// The content of a folder.
 #[derive(Debug, Default)]
 pub struct Listing {
     /// Sessions, the oldest first.

@@ -1,4 +1,4 @@
-//! Directory scan: the files that look like sessions, the journals beside them, and the stamps that identify their
+//! Directory scan: the files that look like sessions, the journals next to them, and the stamps that identify their
 //! versions.
 
 use std::collections::BTreeMap;
@@ -27,7 +27,7 @@ const JOURNALS: [&str; 2] = ["-wal", "-journal"];
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Stamp {
     pub(crate) file: FileStamp,
-    /// Of the journals beside it, if any.
+    /// Of the journals next to it, if any.
     pub(crate) journals: Vec<FileStamp>,
 }
 
@@ -67,14 +67,14 @@ impl FileStamp {
         }
     }
 
-    /// Whether any change from now on would alter its times.
+    /// Whether any later change would alter its times.
     fn is_settled(&self, now: i64) -> bool {
         u128::from(now.abs_diff(self.changed)) > SETTLES.as_nanos()
     }
 }
 
 impl Stamp {
-    /// Whether any write from now on would alter its times.
+    /// Whether any later write would alter its times.
     pub(crate) fn is_settled(&self, now: i64) -> bool {
         self.all().all(|file| file.is_settled(now))
     }
@@ -104,7 +104,7 @@ pub(crate) struct Names {
 pub(crate) struct Candidate<'a> {
     pub(crate) name: &'a str,
     pub(crate) stamp: Stamp,
-    /// Whether there is a write-ahead log beside it.
+    /// Whether there is a write-ahead log next to it.
     pub(crate) has_wal: bool,
 }
 
@@ -148,7 +148,7 @@ impl Names {
                 journals.push(name);
             }
         }
-        // in the order of their endings, so that two walks give the same stamp
+        // in the order of `JOURNALS`, so that two scans give the same stamp
         for end in JOURNALS {
             for journal in &journals {
                 if let Some(session) = journal.strip_suffix(end)

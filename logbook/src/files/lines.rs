@@ -1,11 +1,12 @@
-//! Files of lines that are only appended.
+//! Files to which lines are only appended.
 
 use std::fs::File;
 use std::io::{Result, Write};
 use std::os::unix::fs::FileExt;
 
-/// Appends a line and its end to a file that is open for reading and appending. A line that a power cut or a full disk left without
-/// its end does not take this one with it; of a line that the disk refuses nothing stays, as far as the disk allows it.
+/// Appends a line and a line end to a file that is open for reading and appending. If the last line has no line end,
+/// after a power cut or on a full disk, one is written first, so that the new line is separate. If the write fails,
+/// the file is truncated to its former length if possible.
 pub(crate) fn append_line(file: &mut File, line: &[u8]) -> Result<()> {
     let before = file.metadata()?.len();
     let mut last = [b'\n'];

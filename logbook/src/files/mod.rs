@@ -28,7 +28,7 @@ pub fn part_of(id: &str) -> (&str, u32) {
         .unwrap_or((id, 1))
 }
 
-/// What a folder holds; a missing folder holds nothing.
+/// The entries of a folder; a missing folder has none.
 pub(crate) fn entries(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
     let failed = |source| LogbookError::io(dir, "list", source);
     let entries = match std::fs::read_dir(dir) {

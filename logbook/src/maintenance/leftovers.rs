@@ -14,14 +14,14 @@ use crate::reader::continued_by;
 use crate::writer::{LOCK_WAIT, set_aside_journal};
 use crate::{Index, LogbookError, SessionReader, schema};
 
-/// What was done.
+/// The result of tidying a folder.
 #[derive(Debug, Default)]
 pub struct TidyReport {
-    /// Files without a session in them: their writer was killed before the header was on disk.
+    /// Files without a session: their writer was killed before the header was on disk.
     pub removed: Vec<PathBuf>,
     /// Sessions whose journal was folded in.
     pub folded: Vec<PathBuf>,
-    /// Errors of what failed.
+    /// Errors of the files that could not be tidied.
     pub refused: Vec<LogbookError>,
 }
 
@@ -33,8 +33,9 @@ pub fn tidy(dir: impl AsRef<Path>) -> Result<TidyReport, LogbookError> {
     Index::load(dir).tidy()
 }
 
-/// Folds the journals of closed sessions into their files, also beside a running writer: those that were closed while a program
-/// read them. Returns the sessions that are complete now; one that is still read, or cannot be opened, stays as it is.
+/// Folds the journals of closed sessions into their files, also while a writer is running: sessions that were closed
+/// while a program was reading them. Returns the sessions that are complete now. A session that is still being read,
+/// or cannot be opened, is left unchanged.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -91,13 +92,13 @@ impl Index {
     }
 }
 
-/// Whether nothing was ever written to a file or its journal: not even the beginning of a table.
+/// Whether nothing was ever written to a file or its journal, not even the first table.
 fn is_stub(path: &Path, bytes: u64) -> bool {
     if bytes == 0 {
         let journal = std::fs::metadata(companion(path, "-wal"));
         return journal.map_or(true, |journal| journal.len() == 0);
     }
-    // its journals are read with it and stay unchanged
+    // its journals are read too and stay unchanged
     let tables = open(path).and_then(|connection| {
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
         connection.query_row("SELECT count(*) FROM sqlite_master", [], |row| {
@@ -107,8 +108,8 @@ fn is_stub(path: &Path, bytes: u64) -> bool {
     tables.is_ok_and(|tables| tables == 0)
 }
 
-/// Folds the journal of a session that is closed or continued by another part; returns whether it did. Waits at most so long for
-/// those who read it.
+/// Folds the journal of a session that is closed or continued by another part; returns whether it was folded. Waits
+/// up to `wait` for readers.
 fn fold(path: &Path, wait: Duration) -> Result<bool, LogbookError> {
     let session = SessionReader::open(path)?;
     if session.is_folded() {
@@ -138,7 +139,7 @@ fn open(path: &Path) -> rusqlite::Result<Connection> {
     Connection::open_with_flags(path, flags)
 }
 
-/// Removes the journals first, which would otherwise be applied to another file.
+/// Removes the journals before the file; otherwise they would be applied to another file of the same name.
 fn remove(path: &Path) {
     for end in ["-wal", "-shm", "-journal", ""] {
         let _ = std::fs::remove_file(companion(path, end));
@@ -171,7 +172,7 @@ mod tests {
             .unwrap();
         closed.close(at, "done").unwrap();
         assert!(companion(&path, "-wal").exists());
-        // the reader exits without cleaning up, as if it was killed
+        // the reader exits without cleaning up, as if it were killed
         reader
             .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
             .unwrap();

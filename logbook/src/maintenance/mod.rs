@@ -1,5 +1,5 @@
-//! Maintenance of recorded sessions: verify, repair, prune, and removal of what a killed writer left.
-//! Reading and writing sessions are `reader` and `writer`.
+//! Maintenance of recorded sessions: verify, repair, prune, and removal of the leftovers of a killed writer. Sessions
+//! are read in `reader` and written in `writer`.
 
 pub(crate) mod leftovers;
 pub(crate) mod prune;

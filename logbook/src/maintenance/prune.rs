@@ -14,7 +14,7 @@ use crate::files::lines::append_line;
 use crate::files::{EXTENSION, entries, id_of, part_of, path_of};
 use crate::{LogbookError, SessionKind, SessionReader, SessionSummary, StateKind};
 
-/// Name of the list of what has been pruned, a JSON object a line.
+/// Name of the list of pruned sessions, one JSON object on each line.
 const PRUNED: &str = "pruned.jsonl";
 /// End of the name of a marker file of an exported session.
 const EXPORTED: &str = "exported.json";
@@ -26,9 +26,9 @@ pub struct Retention {
     pub older_than: Option<Duration>,
     /// The oldest sessions, until the files of all sessions in the folder take at most this many bytes.
     pub keep_bytes: Option<u64>,
-    /// Of those only completely exported ones; alone: all exported ones.
+    /// Only completely exported sessions of those; without age and size, all exported sessions.
     pub exported_only: bool,
-    /// Of those only ones that the archive holds; alone: all that it holds.
+    /// Only archived sessions of those; without age and size, all archived sessions.
     pub archived_only: bool,
     /// Whether the earlier, closed parts of a running session may be removed too (a ring).
     pub ring: bool,
@@ -61,7 +61,8 @@ pub struct KeptSession {
 pub struct Pruned {
     /// Oldest first.
     pub removed: Vec<Removed>,
-    /// What age or size selected, but another rule kept; and files that cannot be read, which are never removed.
+    /// Sessions selected by age or size but kept by another rule, and files that cannot be read, which are never
+    /// removed.
     pub spared: Vec<KeptSession>,
     /// Remaining size of the folder's sessions, bytes.
     pub left: u64,
@@ -80,19 +81,19 @@ pub struct ExportMarker {
     pub to: String,
 }
 
-/// Marks a session as exported, in a file beside it.
+/// Marks a session as exported, in a file next to it.
 ///
 /// # Errors
 /// The mark cannot be written.
 pub fn mark_exported(path: impl AsRef<Path>, exported: &ExportMarker) -> Result<(), LogbookError> {
     let mark = path.as_ref().with_extension(EXPORTED);
     let text = serde_json::to_string(exported).unwrap_or_default() + "\n";
-    // the folder's owner may have put a link there, and root may be exporting
+    // the folder's owner may have put a link there, and the exporting user may be root
     outfile::write(&mark, Existing::Replace, text.as_bytes())
         .map_err(|refused| LogbookError::disk(&mark, "mark as exported", refused.into_io()))
 }
 
-/// When and how a session was completely exported, if it was.
+/// When and how a session was completely exported; `None` if it was not.
 pub fn exported(path: impl AsRef<Path>) -> Option<ExportMarker> {
     let path = path.as_ref();
     let text = std::fs::read_to_string(path.with_extension(EXPORTED)).ok()?;
@@ -115,8 +116,9 @@ pub(crate) fn pruned_parts(dir: &Path) -> BTreeSet<String> {
 }
 
 /// Removes sessions, or with `dry_run` only lists them. Open sessions and their parts (except in a ring), the newest
-/// baseline (all of them where it cannot be read), and baselines of kept sessions are never removed. Quantities and states of a
-/// session stay as long as a part of it does. Removed sessions are listed in `pruned.jsonl` beside them.
+/// baseline (all baselines if it cannot be read), and baselines of kept sessions are never removed. Quantities and
+/// states of a session are kept until its last part is removed. Removed sessions are listed in `pruned.jsonl` in the
+/// folder.
 ///
 /// # Errors
 /// The folder cannot be read, or a file cannot be removed; earlier removals stay.
@@ -129,7 +131,8 @@ pub fn prune(
     prune_each(dir, retention, now, dry_run, |_| {})
 }
 
-/// As [`prune()`]; `each` is called for each session as soon as it is removed, so that removals before a failure are known.
+/// As [`prune()`]; `each` is called for each session as soon as it is removed, so that the caller knows the removals
+/// before a failure.
 ///
 /// # Errors
 /// As [`prune()`].
@@ -161,14 +164,14 @@ pub fn prune_each(
         .map(|session| part_of(&session.id).0)
         .collect();
     let newest = index.latest_baseline(now);
-    // which one is the newest that can be read is not known then
+    // if it cannot be read, the newest readable baseline is unknown
     let unread = newest.is_err();
     let newest_baseline = newest.ok().flatten().map(|(session, _)| session.id);
     let mut going = vec![None; sessions.len()];
     // Measurements first: a baseline is small, and is removed only if no kept session needs it.
     let (baselines, measurements): (Vec<usize>, Vec<usize>) =
         (0..sessions.len()).partition(|index| sessions[*index].kind == SessionKind::Baseline);
-    // computed when the first baseline is due, when the kept measurements are known
+    // computed at the first baseline to be removed: by then the kept measurements are known
     let mut needed = None;
     for index in measurements.into_iter().chain(baselines) {
         let session = &sessions[index];
@@ -287,8 +290,9 @@ fn due(
     (alone && !names.is_empty()).then(|| format!("it has been {}", names.join(" and ")))
 }
 
-/// The files of a folder by session or part: its own file, journals, marker, transcripts of failed frames; with the last part also
-/// what belongs to all parts. One directory scan; files of no session are left out. A session's own file is the last in its list.
+/// The files of a folder for each session or part: its own file, journals, marker, transcripts of failed frames; for
+/// the last part also the files that belong to all parts. Scans the directory once; files that belong to no session
+/// are left out. A session's own file is the last in its list.
 fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError> {
     let mut sessions: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     let mut beside = Vec::new();
@@ -320,7 +324,8 @@ fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError
     Ok(sessions)
 }
 
-/// Whether a file beside a session belongs to all its parts: it has the name of the first one, and goes with the last that is there.
+/// Whether a file next to a session belongs to all its parts. It has the name of the first part and is removed with
+/// the last remaining one.
 fn is_of_all_parts(file: &Path) -> bool {
     let states = [StateKind::Tracking, StateKind::Course].map(StateKind::extension);
     let endings = [states[0], states[1], crate::quantities::QUANTITIES];
@@ -360,8 +365,8 @@ fn remove(
         id: &removed.id,
         why: &removed.why,
     };
-    // Written before the files go, where there is space for it: otherwise a pruned session could not be distinguished
-    // from a lost one.
+    // Written before the files are removed, if there is space for it: otherwise a pruned session could not be
+    // distinguished from a lost one.
     let list = dir.join(PRUNED);
     let append = || -> std::io::Result<()> {
         let mut file = std::fs::OpenOptions::new()
@@ -374,7 +379,7 @@ fn remove(
     let append =
         || append().map_err(|source| LogbookError::disk(&list, "write what is removed to", source));
     let late = match append() {
-        // a full disk has space for the line when the files are gone
+        // on a full disk there is space for the line after the files are removed
         Err(error) if error.is_full() => true,
         written => {
             written?;
@@ -383,7 +388,7 @@ fn remove(
     };
     for file in files {
         match std::fs::remove_file(file) {
-            // a journal that the last reader of its session has removed meanwhile
+            // a journal that the last reader of its session has removed in the meantime
             Err(gone) if gone.kind() == ErrorKind::NotFound => {}
             removed => removed.map_err(|source| LogbookError::io(file, "remove", source))?,
         }

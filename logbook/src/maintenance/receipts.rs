@@ -1,4 +1,4 @@
-//! Receipts of the archive: a file beside a closed part, written when the archive holds it.
+//! Receipts of the archive: a file next to a closed part, written when the archive has the part.
 
 use std::io::Read;
 use std::path::Path;
@@ -17,19 +17,20 @@ const ARCHIVED: &str = "archived.json";
 /// The archive's receipt of a part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ArchiveReceipt {
-    /// When the part was read for it.
+    /// When the part was read for archiving.
     pub at: DateTime<Utc>,
-    /// SHA-256 of the part, hexadecimal, computed from what the store holds.
+    /// SHA-256 of the part, hexadecimal, computed from the content of the store.
     pub sha256: String,
     /// Size of the part, bytes.
     pub bytes: u64,
     /// Where the part is in the store.
     pub stored_as: String,
-    /// Lines of the session's quantities in the archive; 0 beside a part that is not the first one there.
+    /// Number of lines of the session's quantities in the archive; 0 for a part that is not the first one in the
+    /// folder.
     pub quantity_lines: u64,
 }
 
-/// SHA-256 of all that is read, hexadecimal, and the number of bytes.
+/// SHA-256 of everything read, hexadecimal, and the number of bytes.
 ///
 /// # Errors
 /// It cannot be read.
@@ -50,7 +51,7 @@ pub fn sha256_of(mut from: impl Read) -> std::io::Result<(String, u64)> {
     Ok((survey::hex(&hash.finalize()), bytes))
 }
 
-/// Writes the receipt of a part beside it.
+/// Writes the receipt of a part next to it.
 ///
 /// # Errors
 /// It cannot be written.
@@ -61,15 +62,15 @@ pub fn mark_archived(path: impl AsRef<Path>, receipt: &ArchiveReceipt) -> Result
         .map_err(|refused| LogbookError::disk(&mark, "write the receipt", refused.into_io()))
 }
 
-/// The receipt beside a part; `None` if there is none. Whether it is of the file as it is now is for
-/// [`archived`] to say.
+/// The receipt next to a part; `None` if there is none. Does not check that it matches the present file; see
+/// [`archived`].
 pub fn receipt(path: impl AsRef<Path>) -> Option<ArchiveReceipt> {
     let text = std::fs::read_to_string(path.as_ref().with_extension(ARCHIVED)).ok()?;
     serde_json::from_str(&text).ok()
 }
 
-/// The receipt of a part, if the archive holds the part as it is now; of the first part that is there, if it holds all quantities
-/// beside the parts too. Reads the whole part.
+/// The receipt of a part, if the archive has the present content of the part and, for the first part in the folder,
+/// all stored quantities of the session. Reads the whole part.
 pub fn archived(path: impl AsRef<Path>) -> Option<ArchiveReceipt> {
     let path = path.as_ref();
     let receipt = receipt(path)?;

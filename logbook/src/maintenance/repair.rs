@@ -10,10 +10,10 @@ use crate::reader::SMALLEST;
 use crate::{LogbookError, Record, SessionHeader, SessionReader, SessionWriter, schema};
 use outfile::folder_of;
 
-/// Kind of the event that lists the frames lost in a repair; its text begins `frames 5 to 9 `.
+/// Kind of the event that lists the frames lost in a repair; its text begins with, for example, `frames 5 to 9 `.
 pub const CUT: &str = "cut";
 
-/// Frames that are written together.
+/// Number of frames written together.
 const GROUP: usize = 256;
 /// Number of event rows tried one by one if they cannot be read in order.
 const EVENTS: i64 = 100_000;
@@ -29,7 +29,7 @@ pub struct LostFrames {
     pub why: String,
 }
 
-/// What a repair kept and lost.
+/// Result of a repair.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Repaired {
     /// The new file.
@@ -47,7 +47,7 @@ pub struct Repaired {
 }
 
 /// Copies the readable part of a session's file to a new file, which is closed; the damaged one is not changed. `out`
-/// is the new file, by default `<id>_repaired.tactus` beside the damaged one.
+/// is the new file, by default `<id>_repaired.tactus` next to the damaged one.
 ///
 /// # Errors
 /// A header that cannot be read (without the protocol no reading means anything), an existing output file, or a disk
@@ -122,7 +122,7 @@ pub fn repair(
     if let Ok(rows) = rows {
         repaired.lost.extend(session.unmet(rows, met));
     }
-    // Unreadable rows behind the last whole frame may never have existed.
+    // Unreadable rows after the last intact frame may never have existed.
     let last = writer.acknowledged();
     if repaired.cut.iter().any(|cut| cut.last > last) {
         let text = format!("after frame {last} nothing can be read");
@@ -197,7 +197,7 @@ fn cut(repaired: &mut Repaired, first: u64, last: u64, why: &str) {
     }
 }
 
-/// Rows in order; one by one if they cannot be read in order.
+/// Rows in order; a row that cannot be read yields an error and the next number is tried.
 struct Rows<'a> {
     session: &'a SessionReader,
     next: u64,
@@ -219,7 +219,7 @@ impl Iterator for Rows<'_> {
                     self.next += 1;
                     return Some((number, Err(damage)));
                 }
-                // A hole, or the end.
+                // A gap in the sequence, or the end.
                 Ok(None) => match self.session.sequence_behind(number) {
                     Ok(Some(behind)) => self.next = behind,
                     Ok(None) => return None,

@@ -13,9 +13,9 @@ use outfile::folder_of;
 
 /// A gap in a scheduled session: frames further apart than this many periods.
 const GAP_PERIODS: f64 = 1.5;
-/// A gap in a session without a schedule: frames further apart than this many times the usual distance.
+/// A gap in a session without a schedule: frames further apart than this many times the usual interval.
 const GAP_FACTOR: f64 = 5.0;
-/// Distances below this are never a gap, s.
+/// Shorter intervals are never a gap, s.
 const MIN_GAP_S: f64 = 1.0;
 /// An event this long after a frame may still explain the gap.
 const EVENT_MAY_FOLLOW_S: TimeDelta = TimeDelta::try_seconds(5).unwrap();
@@ -37,7 +37,7 @@ pub struct Finding {
 pub struct Gap {
     /// Sequence of the frame before.
     pub after: u64,
-    /// How long, s.
+    /// Its length, s.
     pub seconds: f64,
     /// The event that explains it, if there is one.
     pub explained: Option<String>,
@@ -60,7 +60,7 @@ pub struct Verified {
     pub findings: Vec<Finding>,
 }
 
-/// Reads all parts of a session, whichever part is given. `progress` is called with the number of frames read.
+/// Verifies all parts of a session, whichever part is given. `progress` is called with the number of frames read.
 ///
 /// # Errors
 /// The folder cannot be read. Unreadable files and damage are findings, not errors.
@@ -121,11 +121,11 @@ struct VerifyState {
     continues: Vec<(String, String)>,
     /// Each closed part with its closing reason.
     closings: Vec<(String, String)>,
-    /// Files that are no session, and why: unfinished new parts, or remains of one.
+    /// Files that are not sessions, and why: unfinished new parts, or remains of one.
     strangers: Vec<(String, String)>,
     frames: u64,
     closed: bool,
-    /// Distances of neighbouring frames that may be gaps, s.
+    /// Intervals between neighbouring frames that may be gaps, s.
     distances: Vec<f64>,
     moments: Vec<(FrameTime, FrameTime, f64)>,
     last: Option<FrameTime>,
@@ -206,7 +206,7 @@ impl VerifyState {
         }
         self.expected = Some(header.first_sequence);
         let first_sequence = header.first_sequence;
-        // Frames of an earlier part from this sequence on were written again.
+        // Frames of an earlier part from this sequence on were written again in this part.
         self.moments
             .retain(|(_, later, _)| later.sequence < first_sequence);
         if self
@@ -215,7 +215,7 @@ impl VerifyState {
         {
             self.last = self.moments.last().map(|(_, later, _)| *later);
         }
-        // Counted before reading: a running session grows meanwhile.
+        // Counted before reading, because a running session grows meanwhile.
         let rows = session.rows();
         let mut met = 0;
         for record in session.frames() {
@@ -240,7 +240,7 @@ impl VerifyState {
         }
     }
 
-    /// Checks that the parts named by others exist. A file that is no session does not count: its creation was
+    /// Checks that the parts named by others exist. A file that is not a session does not count: its creation was
     /// interrupted, and the session continued in another part.
     fn ends(&mut self, folder: &Path) {
         let ids: Vec<&str> = self.parts.iter().map(|(id, _)| id.as_str()).collect();
@@ -334,7 +334,7 @@ impl VerifyState {
         self.last = Some(now);
     }
 
-    /// The distances that are gaps.
+    /// The intervals that are gaps.
     fn gaps(&mut self) -> Vec<Gap> {
         let usual = match self.distances.len() {
             0 => 0.0,

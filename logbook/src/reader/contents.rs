@@ -67,7 +67,7 @@ impl SessionReader {
         Ok(Some(baseline))
     }
 
-    /// What happened, in order.
+    /// The events, in order.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -81,7 +81,7 @@ impl SessionReader {
         }
     }
 
-    /// Events that agree with their checksums, and the numbers of those that do not.
+    /// Events that match their checksums, and the numbers of those that do not.
     pub(crate) fn events_and_damaged(&self) -> Result<(Vec<Event>, Vec<i64>), LogbookError> {
         let mut damaged = Vec::new();
         let available = self.bytes()?;
@@ -126,7 +126,7 @@ impl SessionReader {
         Ok((events, damaged))
     }
 
-    /// One event by its number, if it is there and agrees with its checksum.
+    /// One event by its number; `None` if it is missing or does not match its checksum.
     pub(crate) fn event(&self, number: i64) -> Result<Option<Event>, LogbookError> {
         let sql = "SELECT at_ns, kind, text, checksum FROM event WHERE id = ?1";
         let row = self.one_row(sql, [number], "read an event of", |row| {
@@ -161,7 +161,7 @@ impl SessionReader {
                 nplc: row.get(3)?,
                 settle: Duration::from_nanos(row.get::<_, i64>(4)?.max(0) as u64),
                 wiring: row.get(5)?,
-                // Damage shows in the checksum.
+                // the checksum detects damage
                 precautions: serde_json::from_str(&precautions).unwrap_or_default(),
             };
             Ok((settings, row.get::<_, Vec<u8>>(7)?))

@@ -13,7 +13,7 @@ use crate::row::{
 };
 use crate::{LogbookError, MapRecord, Record};
 
-/// How many frames are fetched at a time while iterating.
+/// Number of frames fetched at a time while iterating.
 const PAGE: u32 = 64;
 
 impl SessionReader {
@@ -34,7 +34,7 @@ impl SessionReader {
         self.unpack(row, &mut RowCache::default())
     }
 
-    /// A frame as far as it can be read, for a repair: its map record may be lost.
+    /// A frame without its map record if that cannot be read; for a repair.
     pub(crate) fn kept(&self, sequence: u64) -> Result<Option<Record>, LogbookError> {
         let row = self.row(sequence)?;
         let mut known = RowCache {
@@ -61,7 +61,7 @@ impl SessionReader {
         self.frames_from(1)
     }
 
-    /// The frames from a sequence on.
+    /// The frames from this sequence on.
     pub fn frames_from(&self, sequence: u64) -> Frames<'_> {
         Frames {
             session: self,
@@ -131,7 +131,7 @@ impl SessionReader {
         Ok(record)
     }
 
-    /// The record of a map that was made after its frame was written.
+    /// The record of a map that was computed after its frame was written.
     pub(super) fn late_map(&self, sequence: i64) -> Result<Option<MapRecord>, LogbookError> {
         let sql = "SELECT number, mapper, map_hash, checksum FROM late_map WHERE sequence = ?1";
         let late = self.one_row(sql, [sequence], "read the late maps of", |row| {
@@ -251,7 +251,7 @@ impl Iterator for Frames<'_> {
         if self.page.is_empty() && !self.ended {
             match self.session.page(self.next) {
                 Ok(page) => {
-                    // In a damaged file, rows out of order could repeat for ever.
+                    // In a damaged file, rows out of order could be repeated for ever.
                     self.ended = page.iter().all(|stored| stored.row.sequence < self.next);
                     self.page = page;
                 }

@@ -26,7 +26,7 @@ use outfile::folder_of;
 pub use frames::Frames;
 pub(crate) use order::SMALLEST;
 
-/// The row of the header.
+/// Query for the row of the header.
 const ALL_OF_IT: &str = "SELECT * FROM session";
 
 /// A session's file, opened for reading; neither it nor its companion files are changed.
@@ -60,7 +60,7 @@ impl SessionReader {
         let opened = opening::open(path, is_closed)?;
         let folded = opened.mode == JournalMode::Rollback;
         match Self::over(opened.connection, path.to_owned(), opened.mode, ALL_OF_IT) {
-            // the end of one that is not folded may be in its journal
+            // otherwise the end of the file may be in its journal
             Err(damaged @ LogbookError::Damaged { .. }) if folded => {
                 Err(opening::missing_end(path).unwrap_or(damaged))
             }
@@ -68,8 +68,8 @@ impl SessionReader {
         }
     }
 
-    /// As [`SessionReader::open`]; also a closed session whose file has lost its end, if its header is there. Whether it was
-    /// closed is then not known.
+    /// As [`SessionReader::open`], but also opens a closed session whose file has lost its end, if its header is
+    /// intact. The closing entry is then unknown.
     ///
     /// # Errors
     /// As [`SessionReader::open`].
@@ -77,7 +77,7 @@ impl SessionReader {
         match Self::open(path) {
             Err(LogbookError::Damaged { place, .. }) if place == opening::END => {
                 let connection = opening::without_end(path)?;
-                // the columns of the closing may lie on the last page
+                // the columns of the closing entry may be on the last page
                 let sql = format!(
                     "SELECT {HEADER_COLUMNS}, NULL AS closed_ns, NULL AS closed_reason, NULL AS closed_tally,
                      NULL AS closed_checksum FROM session"
@@ -162,7 +162,7 @@ impl SessionReader {
         })
     }
 
-    /// Whether no companion journal is part of the session.
+    /// Whether the file is complete without a journal.
     pub fn is_folded(&self) -> bool {
         self.mode == JournalMode::Rollback
     }
@@ -187,7 +187,7 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, attempt, source))
     }
 
-    /// The same for one number.
+    /// The single number that a query returns.
     fn one_number(
         &self,
         sql: &str,
@@ -208,7 +208,7 @@ impl SessionReader {
         &self.path
     }
 
-    /// How the session had ended when it was opened; `None` while it runs, or if its writer was killed.
+    /// How the session had ended when it was opened; `None` if it was running, or if its writer was killed.
     pub fn closed(&self) -> Option<&Closing> {
         match &self.end {
             End::Open => None,
@@ -216,7 +216,7 @@ impl SessionReader {
         }
     }
 
-    /// The connection without its work limit, and the seal of its rows' checksums.
+    /// The connection without its work limit, and the checksum of the header, for the checksums of its rows.
     pub(crate) fn into_connection(self) -> rusqlite::Result<(Connection, HeaderChecksum)> {
         let mut connection = self.connection;
         connection.progress_handler(0, None::<fn() -> bool>)?;
@@ -235,14 +235,14 @@ impl SessionReader {
             .saturating_sub(self.header.first_sequence))
     }
 
-    /// Sequence of the first frame that is there.
+    /// Sequence of the first frame in the file.
     pub(crate) fn first_present(&self) -> Result<Option<u64>, LogbookError> {
         let sql = "SELECT min(sequence) FROM frame";
         let first = self.one_number(sql, [], "count the frames of")?;
         Ok(first.map(|first| first as u64))
     }
 
-    /// The largest id in a table; 0 where there is none.
+    /// The largest id in a table; 0 if it is empty.
     pub(crate) fn last_number(&self, table: &'static str) -> Result<i64, LogbookError> {
         let sql = format!("SELECT max(id) FROM {table}");
         let last = self.one_number(&sql, [], "count the rows of")?;
@@ -266,7 +266,7 @@ impl SessionReader {
         }))
     }
 
-    /// How many late maps were written.
+    /// Number of late maps written.
     pub(crate) fn late_maps_written(&self) -> Result<u64, LogbookError> {
         let sql = "SELECT max(number) FROM late_map";
         let last = self.one_number(sql, [], "count the late maps of")?;
@@ -281,7 +281,7 @@ impl SessionReader {
         Ok(self.len()? == 0)
     }
 
-    /// The session in one line.
+    /// A summary of the session.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -304,7 +304,7 @@ impl SessionReader {
         })
     }
 
-    /// Upper limit for what may be read into memory at once, from the file's size.
+    /// Upper limit for the bytes read into memory at once: the size of the database.
     pub(crate) fn bytes(&self) -> Result<u64, LogbookError> {
         let count = |name: &str| -> rusqlite::Result<u64> {
             self.connection
@@ -326,7 +326,7 @@ impl SessionReader {
     }
 }
 
-/// The part beside this file that continues `id`, if there is one.
+/// The part in the folder of this file that continues `id`, if there is one.
 pub(crate) fn continued_by(path: &Path, id: &str) -> Result<Option<String>, LogbookError> {
     let dir = folder_of(path);
     let (session, part) = part_of(id);

@@ -1,14 +1,14 @@
 //! Opens a session's file without changing it or its companion files, whatever wrote it.
 //!
-//! | the file is | read how |
+//! | the file is | access |
 //! |---|---|
-//! | in rollback mode: closed and folded | `immutable`: no locks, and journals beside it are not looked at |
-//! | in WAL mode, its journal empty or not there | the same |
+//! | in rollback mode: closed and folded | `immutable`: no locks, and journals next to it are ignored |
+//! | in WAL mode, its journal empty or missing | the same |
 //! | in WAL mode, with journal and index | read-only with a read-only index: sees what its writer has acknowledged |
-//! | in WAL mode, with a journal alone | the index is made in memory |
+//! | in WAL mode, with a journal but no index | the index is built in memory |
 //!
-//! A rollback journal is never applied: a session is in WAL mode from before its header until after its last entry, so
-//! a rollback journal beside it cannot belong to its content.
+//! A rollback journal is never applied: a session is in WAL mode from before its header until after its last entry,
+//! so a rollback journal next to it cannot belong to its content.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{ErrorKind, Read};
@@ -31,7 +31,7 @@ const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 const HEAD: usize = 100;
 /// Offset of the header's read version: 1 with a rollback journal, 2 with a write-ahead log.
 const READ_VERSION: usize = 19;
-/// The longest text or blob of a row, bytes: the protocol of 256 electrodes is of 4 MB.
+/// The longest text or blob of a row, bytes: the protocol of 256 electrodes takes 4 MB.
 const LONGEST: u64 = 16 << 20;
 /// Lower bound of the limit: even a small file must hold its schema.
 const SHORTEST: u64 = 1 << 20;
@@ -43,7 +43,7 @@ const SQL: i32 = 20_000;
 pub(crate) enum JournalMode {
     /// Folded: complete without a journal.
     Rollback,
-    /// The journal beside it is part of it.
+    /// The journal next to it is part of it.
     Wal,
 }
 
@@ -63,13 +63,14 @@ pub(crate) struct Opened {
 /// Opens a file for reading.
 ///
 /// # Errors
-/// The file is missing, no regular file, no SQLite file, or an open session with a rollback journal beside it.
+/// The file is missing, not a regular file, not an SQLite file, or an open session with a rollback journal next to
+/// it.
 pub(crate) fn open(
     path: &Path,
     is_closed: impl Fn(&Connection) -> bool,
 ) -> Result<Opened, LogbookError> {
     let io = |source| LogbookError::io(path, "open", source);
-    // SQLite looks for a journal beside the file itself, not beside a symbolic link to it.
+    // SQLite looks for a journal next to the file itself, not next to a symbolic link to it.
     let real = std::fs::canonicalize(path).map_err(io)?;
     let found = std::fs::metadata(&real).map_err(io)?;
     check_regular(path, &found)?;
@@ -94,7 +95,7 @@ pub(crate) fn open(
     };
     let size = found.len() + length(&wal);
     if way != AccessMethod::Immutable && journal.symlink_metadata().is_ok() {
-        // The power failed while a closed session was being folded: all of it is in the file.
+        // If the closing entry is in the file itself, a power cut interrupted the folding: the file is complete.
         let alone = connect(path, &real, AccessMethod::Immutable, size)?;
         if is_closed(&alone) {
             return Ok(Opened {
@@ -115,7 +116,7 @@ pub(crate) fn open(
     Ok(Opened { connection, mode })
 }
 
-/// Opens a folded file that has lost its end: what is there can be read, the rest is an error.
+/// Opens a folded file that has lost its end; reading a missing page is an error.
 ///
 /// # Errors
 /// As [`open`].
@@ -123,7 +124,7 @@ pub(super) fn without_end(path: &Path) -> Result<Connection, LogbookError> {
     let size = std::fs::metadata(path).map_or(0, |found| found.len());
     let connection = connect(path, path, AccessMethod::Immutable, size)?;
     let lenient = || -> rusqlite::Result<()> {
-        // SQLite refuses a file shorter than its header says, except where a schema may be repaired
+        // SQLite refuses a file shorter than its header states, unless its schema may be edited
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, false)?;
         connection.pragma_update(None, "writable_schema", true)
     };
@@ -131,7 +132,7 @@ pub(super) fn without_end(path: &Path) -> Result<Connection, LogbookError> {
     Ok(connection)
 }
 
-/// Refuses what is no regular file: opening a FIFO would wait for its other end.
+/// Refuses anything but a regular file: opening a FIFO would wait for its other end.
 pub(crate) fn check_regular(path: &Path, found: &Metadata) -> Result<(), LogbookError> {
     let kind = found.file_type();
     let what = match kind {
@@ -210,7 +211,7 @@ fn connect(
     open().map_err(|source| LogbookError::reading(path, "open", source))
 }
 
-/// Disables what no session needs in SQLite, to reduce the attack surface for malicious files.
+/// Disables features of SQLite that sessions do not need, to reduce the attack surface for malicious files.
 fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
     use DbConfig::{
         SQLITE_DBCONFIG_DEFENSIVE, SQLITE_DBCONFIG_ENABLE_TRIGGER, SQLITE_DBCONFIG_ENABLE_VIEW,
@@ -235,10 +236,10 @@ fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
     connection.pragma_update(None, "temp_store", "MEMORY")
 }
 
-/// Where a file that is shorter than its header says is damaged.
+/// Place of the damage in a file that is shorter than its header states.
 pub(super) const END: &str = "its end";
 
-/// The file is shorter than its header says.
+/// The error for a file that is shorter than its header states; `None` if it is not.
 pub(super) fn missing_end(path: &Path) -> Option<LogbookError> {
     let mut head = [0; HEAD];
     let mut file = File::open(path).ok()?;

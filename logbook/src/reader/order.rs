@@ -6,7 +6,7 @@ use crate::LogbookError;
 /// Smallest size of a frame's row in bytes; bounds the number of rows in a file.
 pub(crate) const SMALLEST: i64 = 20;
 
-/// Most row numbers reported.
+/// Maximum number of row numbers reported.
 const MOST_REPORTED: usize = 5;
 
 impl SessionReader {
@@ -40,7 +40,7 @@ impl SessionReader {
         self.one_number("SELECT max(sequence) FROM frame", [], "count the frames of")
     }
 
-    /// Number of frame rows, including those that no sequence leads to.
+    /// Number of frame rows, including those that cannot be reached by their sequence.
     pub(crate) fn rows(&self) -> Result<u64, LogbookError> {
         self.scan("count(*)")
             .map(|rows| rows.unwrap_or(0).unsigned_abs())

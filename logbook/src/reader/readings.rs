@@ -1,4 +1,4 @@
-//! Readings of frames: blobs shared by one or more frames, and the references of their differences.
+//! Readings of frames: blobs shared by one or more frames, and the references from which they differ.
 
 use survey::Reading;
 

@@ -7,7 +7,7 @@ use super::opening::JournalMode;
 use crate::LogbookError;
 use crate::row::{End, RowCounts};
 
-/// Most structural errors of SQLite reported.
+/// Maximum number of SQLite's structural errors reported.
 const MOST_REPORTED: u32 = 3;
 /// Late maps read at a time.
 const PAGE: i64 = 1000;
@@ -23,7 +23,7 @@ const NUMBERED: [(&str, &str); 6] = [
 ];
 
 impl SessionReader {
-    /// Defects besides frames, events and baseline: a machine-readable kind and a sentence each.
+    /// Defects other than those of frames, events and baseline: a machine-readable kind and a sentence each.
     pub(crate) fn faults(&self) -> Vec<(&'static str, String)> {
         let mut faults = Vec::new();
         self.structure(&mut faults);

@@ -6,7 +6,7 @@ use survey::{Baseline, Settings};
 
 use crate::{MapRecord, SessionHeader};
 
-/// Hash of a row's numbers and texts; values are delimited, and absent values differ from all others.
+/// Hash of a row's numbers and texts. Values are delimited, and absent values differ from all others.
 pub(crate) struct Digest8(Sha256);
 
 /// Checksum of a session's header. It is part of every other row's checksum, so a row of another session is detected.
@@ -33,7 +33,7 @@ impl HeaderChecksum {
 }
 
 impl Digest8 {
-    /// SQLite returns a negative zero as a positive one.
+    /// SQLite returns a negative zero as a positive one, so both are hashed as positive.
     pub(super) fn real(self, number: impl Into<Option<f64>>) -> Self {
         self.number(number.into().map(|number| (number + 0.0).to_bits() as i64))
     }

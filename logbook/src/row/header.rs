@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::checksums::{HeaderChecksum, closing_checksum};
 use crate::{Closing, SessionHeader, SessionKind};
 
-/// What a session held when it was closed. Rows of most tables are numbered without a gap, so the last number is the
-/// count.
+/// Number of rows of each table when a session was closed. Rows of most tables are numbered without a gap, so the
+/// last number is the count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RowCounts {
@@ -38,10 +38,10 @@ impl From<rusqlite::Error> for HeaderFault {
 /// The closing entry in the header's row.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum End {
-    /// None: the session runs, or its writer was killed.
+    /// No entry: the session runs, or its writer was killed.
     Open,
     Closed(Closing, RowCounts),
-    /// Present but fails its checksum: the session was closed, how is unknown.
+    /// An entry that fails its checksum: the session was closed, but how is unknown.
     Damaged(Closing),
 }
 
@@ -82,7 +82,7 @@ pub(crate) fn header_row(
         asked: text("asked")?,
         continues: row.get("continues")?,
         first_sequence: match u64::try_from(row.get::<_, i64>("first_sequence")?) {
-            // readers count from the number before it
+            // readers start from the number before it
             Ok(0) => return Err(content("first sequence", &"it is 0, numbers begin at 1")),
             number => number.map_err(|cause| content("first sequence", &cause))?,
         },

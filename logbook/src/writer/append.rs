@@ -17,8 +17,8 @@ impl SessionWriter {
     /// this returns, the frame is on disk.
     ///
     /// # Errors
-    /// The wrong number of readings, a reading that is not finite, or a disk error: then nothing of the frame is in the
-    /// file, and all earlier frames are.
+    /// The wrong number of readings, a reading that is not finite, or a disk error. After an error nothing of the
+    /// frame is in the file, and all earlier frames are.
     pub fn append(&mut self, frame: &Frame, map: Option<&MapRecord>) -> Result<u64, LogbookError> {
         self.append_all([(frame, map)])
     }
@@ -43,7 +43,7 @@ impl SessionWriter {
         self.write_all(kept)
     }
 
-    /// Sets the sequence of the next frame: those in between are lost.
+    /// Sets the sequence of the next frame; the frames in between are lost.
     pub(crate) fn skip_to(&mut self, sequence: u64) {
         self.sequence = sequence - 1;
     }

@@ -6,9 +6,10 @@ use rusqlite::{Connection, params_from_iter};
 use super::rows;
 use crate::row::{HeaderChecksum, RowCounts, closing_checksum};
 
-/// Writes how a session ended and the number of rows of each table. An update would move the row, with the protocol, to the end
-/// of the file, and a file that loses its end would lose all: SQLite frees the pages of a row after it has written the new
-/// one. A row that is deleted before leaves its pages, near the beginning, to the new one.
+/// Writes how a session ended and the number of rows of each table. The row is deleted and inserted, not updated:
+/// SQLite frees the pages of an updated row only after it has written the new one, so the row, with the protocol,
+/// would move to the end of the file, and a file that loses its end would be unreadable. After a deletion the new row
+/// uses the old pages, near the beginning of the file.
 pub(super) fn write_closing(
     connection: &Connection,
     header_checksum: HeaderChecksum,
@@ -48,7 +49,7 @@ pub(super) fn write_closing(
             .to_vec()
             .into(),
     ];
-    // the last columns
+    // the closing columns are the last ones
     row.truncate(row.len().saturating_sub(closing.len()));
     row.extend(closing);
     transaction.execute("DELETE FROM session", [])?;

@@ -1,4 +1,4 @@
-//! Checks after a write: that the open file is still the one at its path, because writes to a deleted or moved file
+//! Checks after a write that the open file is still the one at its path, because writes to a deleted or moved file
 //! succeed and are lost, and that its filesystem still accepts changes.
 
 use std::fs::File;
@@ -14,7 +14,7 @@ use crate::files::{COPY_EXTENSION, EXTENSION, companion};
 use crate::writer::SessionWriter;
 use outfile::folder_of;
 
-/// Most bytes that are copied while acquisition waits.
+/// Maximum number of bytes copied while acquisition waits.
 const MOST_COPIED: u64 = 1 << 30;
 
 /// The files that SQLite writes for a session.
@@ -56,14 +56,14 @@ impl FilePlace {
     }
 }
 
-/// Checks that the filesystem of a file still accepts changes. `fdatasync` is not enough: when ext4 aborts its journal
-/// after an error, a sync that is under way may return success although its transaction was never committed. The
-/// request to remove an attribute that no file has begins a transaction, which an aborted journal refuses; it changes
+/// Checks that the filesystem of a file still accepts changes. `fdatasync` is not enough: when ext4 aborts its
+/// journal after an error, a sync in progress may return success although its transaction was never committed.
+/// Removing an attribute that does not exist begins a transaction, which an aborted journal refuses, and changes
 /// nothing.
 fn check_filesystem(path: &Path) -> Result<(), LogbookError> {
     let refused = match rustix::fs::removexattr(path, "user.tactus.absent") {
         Err(refused @ (Errno::ROFS | Errno::IO | Errno::UCLEAN | Errno::SHUTDOWN)) => refused,
-        // usually `NODATA`; `OPNOTSUPP` and others say nothing about the last sync
+        // usually `NODATA`; `OPNOTSUPP` and others are no information on the last sync
         _ => return Ok(()),
     };
     Err(LogbookError::DiskRefused {
@@ -90,10 +90,11 @@ impl SessionWriter {
     }
 
     /// Copies a deleted or moved file, which this writer still has open, and puts the copy at the original path, or
-    /// beside it if another file is there. If only a companion file was lost, its content is moved into the file.
-    /// Returns the path of the frames.
+    /// next to it if another file is there. If only a companion file was lost, its content is moved into the file.
+    /// Returns the path of the file with the frames.
+    ///
     /// # Errors
-    /// The disk refuses the copy, the file cannot be read any more, or is too large to be copied beside a session.
+    /// The disk refuses the copy, the file can no longer be read, or it is too large to be copied during a session.
     pub fn rescue(&self) -> Result<PathBuf, LogbookError> {
         if FilePlace::of(&self.path).0[0] == self.place.0[0] {
             let folded = self
@@ -133,7 +134,7 @@ impl SessionWriter {
         self.connection
             .execute("VACUUM INTO ?1", params![to])
             .map_err(failed)?;
-        // the copy is marked as not closed, including its journal mode
+        // the copy is marked as not closed, by its journal mode too
         let as_written = |copy: &Path| -> rusqlite::Result<()> {
             Connection::open(copy)?.pragma_update(None, "journal_mode", "WAL")
         };
@@ -153,7 +154,7 @@ impl SessionWriter {
             for end in ["-wal", "-shm", "-journal"] {
                 let _ = std::fs::remove_file(companion(&place, end));
             }
-            // does not overwrite a file created meanwhile
+            // fails if a file was created there in the meantime
             match std::fs::hard_link(beside, &place) {
                 Ok(()) => {}
                 Err(taken) if taken.kind() == std::io::ErrorKind::AlreadyExists => continue,

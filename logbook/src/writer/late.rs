@@ -1,4 +1,4 @@
-//! Maps that are made after their frames were written.
+//! Maps that are computed after their frames were written.
 
 use rusqlite::params;
 

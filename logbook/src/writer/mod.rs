@@ -44,7 +44,7 @@ pub struct Storage {
     pub journal_pages: Option<u32>,
 }
 
-/// The writer of a session's file; there is only one.
+/// The writer of a session's file. There is at most one for each file.
 #[derive(Debug)]
 pub struct SessionWriter {
     connection: Connection,
@@ -66,14 +66,14 @@ pub struct SessionWriter {
     settings: Option<(i64, Settings)>,
     mapper: Option<(i64, MapRecord)>,
     broken: bool,
-    /// Where the file and its companions are.
+    /// Identity of the file and its companions.
     place: FilePlace,
 }
 
 /// Time that each write waits for a lock of another process.
 pub(crate) const LOCK_WAIT: Duration = Duration::from_millis(250);
 
-/// Content of a new file besides its header, in the same transaction.
+/// Content of a new file that is written in the same transaction as its header.
 #[derive(Debug, Default)]
 struct InitialContent<'a> {
     baseline: Option<&'a Baseline>,
@@ -149,7 +149,7 @@ impl SessionWriter {
         Ok(writer)
     }
 
-    /// For a file with a header and no frame yet.
+    /// Constructor for a file with a header and no frame yet.
     fn over(
         (connection, in_writing, header_checksum): (Connection, WriterGuard, HeaderChecksum),
         path: PathBuf,
@@ -231,7 +231,7 @@ impl SessionWriter {
         size(&self.path) + size(&companion(&self.path, "-wal"))
     }
 
-    /// Whether an I/O error left this file in an unknown state, so that it is not written any more; see
+    /// Whether an I/O error left this file in an unknown state. It is then no longer written; see
     /// [`SessionWriter::successor`].
     pub fn is_broken(&self) -> bool {
         self.broken
@@ -315,9 +315,9 @@ impl SessionWriter {
         self.check_written()
     }
 
-    /// Folds the journal into the file, so that a closed session is one file.
+    /// Folds the journal into the file (SQLite: checkpoint), so that a closed session is a single file.
     fn fold(&mut self) -> Result<(), LogbookError> {
-        // Fails while there is a reader; then the last reader or the next opening folds the journal in.
+        // Fails while there is a reader; the last reader or the next opening then folds the journal.
         match self
             .connection
             .pragma_update(None, "journal_mode", "DELETE")

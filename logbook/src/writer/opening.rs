@@ -41,7 +41,8 @@ pub(super) fn make_folder(dir: &Path) -> std::io::Result<()> {
     DirBuilder::new().recursive(true).mode(0o750).create(dir)
 }
 
-/// Removes a file that holds nothing yet; its journal first, which would otherwise be applied to another file.
+/// Removes a file without content; the journal first, which would otherwise be applied to another file of the same
+/// name.
 pub(super) fn discard(path: &Path) {
     for end in ["-wal", "-shm", ""] {
         let _ = std::fs::remove_file(companion(path, end));

@@ -1,8 +1,8 @@
 //! Continuing a session: after a crash in the same file, after a roll-over or an I/O error in the next part.
 //!
 //! Parts of a session are files `<id>.tactus`, `<id>_p2.tactus`, `<id>_p3.tactus`; each names the part that it
-//! continues, and sequences are numbered across all parts. If a part and the next one hold the same frames (an error
-//! interrupted the write), those of the next one are valid.
+//! continues, and sequences are numbered across all parts. If two consecutive parts contain the same frames, because
+//! an error interrupted the write, those of the later part are valid.
 
 use std::path::{Path, PathBuf};
 
@@ -104,7 +104,7 @@ impl SessionWriter {
         Ok((writer, resumed))
     }
 
-    /// Continues a session that can be read but not written, in a new part after its last readable frame.
+    /// Continues a session that can be read but not written, in a new part after the last readable frame.
     ///
     /// # Errors
     /// A header that cannot be read, a session that is continued already, or a disk error on the new part too.
@@ -162,7 +162,7 @@ impl SessionWriter {
             let text = format!("{} could not be closed: {refusal}", self.header.id);
             next.event(at, "part-not-closed", &text)?;
         } else {
-            // The closing entry in the journal counts, folded in or not.
+            // The closing entry in the journal is valid, whether folded or not.
             let _ = self.fold();
         }
         Ok(self.switch_to(next))
@@ -176,7 +176,7 @@ impl SessionWriter {
     /// A disk error on the new part too; this writer is unchanged.
     pub fn successor(&mut self, at: DateTime<Utc>, why: &str) -> Result<PathBuf, LogbookError> {
         let next = self.next(at, why)?;
-        // Folding the journal in would read it through the same page cache.
+        // Folding the journal would read it through the same page cache.
         let _ = self
             .connection
             .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true);
@@ -201,8 +201,8 @@ impl SessionWriter {
         std::mem::replace(self, next).path
     }
 
-    /// The previous part may have been left open by an interrupted [`SessionWriter::roll`]; if it still cannot be
-    /// closed, it stays open: this part names the part that it continues.
+    /// Closes the previous part if an interrupted [`SessionWriter::roll`] left it open. If that fails, it stays open:
+    /// this part names the part that it continues.
     fn close_earlier(&self) {
         let Some(earlier) = &self.header.continues else {
             return;
@@ -265,7 +265,7 @@ fn next_part(
             ..header.clone()
         };
         match SessionWriter::begin(dir, &next, storage, beginning) {
-            // A file of that name without a header: its creation was interrupted. It is left alone.
+            // A file of that name without a header: its creation was interrupted. It is left unchanged.
             Err(LogbookError::Exists { .. }) if number < part + 1000 => {}
             made => return made,
         }

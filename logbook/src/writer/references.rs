@@ -1,18 +1,18 @@
-//! Reference of the next frame's differences, which makes them small: the baseline, or the mean of sixteen frames,
-//! written as a row of its own when the saving exceeds its cost.
+//! The reference of the next frame's differences: the baseline, or the mean of sixteen frames, which makes the
+//! differences smaller. A mean is written as a row of its own when the saving exceeds its size.
 
 use survey::{Reading, Volts};
 
 use crate::codec::{EncodeError, Reference, encode};
 
-/// Frames averaged for a reference: its noise adds a thirtieth of a bit a reading to that of the frame.
+/// Number of frames averaged for a reference: its noise adds a thirtieth of a bit to each reading of a frame.
 const AVERAGED: u32 = 16;
 /// A reference is written if the saving on this many frames exceeds its size.
 const PAYS_WITHIN: usize = 64;
-/// Most frames that depend on one reference, and are lost if it is damaged.
+/// Maximum number of frames that depend on one reference, and are lost if it is damaged.
 const MOST_FRAMES: u32 = 1024;
 
-/// Cheap to copy: the old value is restored if a transaction fails.
+/// Cheap to clone: the old value is restored if a transaction fails.
 #[derive(Debug, Clone, Default)]
 pub(super) struct References {
     baseline: Option<Reference>,
@@ -132,8 +132,8 @@ struct Recent {
 }
 
 impl Recent {
-    /// Every sixteenth frame, returns the mean of the last sixteen; a reading that was never valid among them is not
-    /// measured.
+    /// Returns the mean of the last sixteen frames after every sixteenth one. A reading that was valid in none of
+    /// them is marked as not measured.
     fn add(&mut self, readings: &[Reading]) -> Option<Vec<Reading>> {
         self.sums.resize(readings.len(), (0.0, 0));
         for ((sum, count), reading) in self.sums.iter_mut().zip(readings) {

@@ -203,7 +203,7 @@ pub(super) enum Unwritten {
 }
 
 impl Unwritten {
-    /// As an error of the file at `path`.
+    /// Converts to an error of the file at `path`.
     pub(super) fn into_error(self, path: &Path, attempt: &'static str) -> LogbookError {
         match self {
             Self::Refused(refusal) => refusal,

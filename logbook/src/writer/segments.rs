@@ -1,5 +1,5 @@
-//! Stretches: frames taken with the same settings share a row, including their clock's rate, so that a frame's own
-//! times take a few bytes.
+//! Stretches: frames taken with the same settings share a row, which includes the rate of their clock, so that the
+//! times of each frame take a few bytes.
 
 use rusqlite::Connection;
 
@@ -8,12 +8,12 @@ use crate::writer::rows::write_stretch;
 
 /// Beyond this many microseconds a frame's times take more than three bytes: a clock was set, or the rate changed.
 const WIDE_US: i64 = 1 << 23;
-/// Frames after which a stretch is worth a row of its own.
+/// Number of frames after which a new stretch is worth its row.
 const MIN_FRAMES: i64 = 64;
 /// Number of stretches remembered: frames with and without a map may alternate.
 const REMEMBERED_STRETCHES: usize = 8;
 
-/// Cheap to copy: the old value is restored if a transaction fails.
+/// Cheap to clone: the old value is restored if a transaction fails.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stretches {
     /// Most recently used first.
@@ -21,7 +21,7 @@ pub(super) struct Stretches {
     last_id: i64,
 }
 
-/// What assigns a frame to a stretch; times in microseconds.
+/// The properties that assign a frame to a stretch; times in microseconds.
 pub(super) struct StretchKey {
     pub(super) sequence: i64,
     pub(super) monotonic: i64,
@@ -44,7 +44,7 @@ impl Stretches {
         self.last_id = last_id;
     }
 
-    /// The place of a frame, in a new stretch if no known one matches.
+    /// The position of a frame, in a new stretch if no known one matches.
     pub(super) fn place(
         &mut self,
         transaction: &Connection,

@@ -17,8 +17,8 @@ pub struct Volume {
     pub frames: u64,
 }
 
-/// Measures the newest part of a session, given the session's first file. File sizes are no measure: the journal holds
-/// pages several times, and they are moved to the file a thousand at once.
+/// Measures the newest part of a session, given the session's first file. The file sizes are not suitable: the
+/// journal contains pages several times, and they are moved to the file a thousand at once.
 ///
 /// # Errors
 /// No such file, or it cannot be read.

@@ -1,4 +1,4 @@
-//! Possible contents of a disk after a power cut. Of each file: everything synced, and of the writes since then all,
+//! Possible contents of a disk after a power cut: for each file everything synced, and of the writes since then all,
 //! none, any subset, or one torn between two sectors of 512 bytes.
 
 use std::collections::BTreeMap;

@@ -1,5 +1,5 @@
 //! A process that writes a session is killed at random times and restarted (20 times, or `TACTUS_KILLS`). All
-//! acknowledged frames are on disk, at most the group in progress besides, and the session continues.
+//! acknowledged frames are on disk, in addition at most the group in progress, and the session continues.
 //!
 //! The killed process is a second run of the test itself.
 
@@ -61,7 +61,7 @@ const SEED: &str = "TACTUS_TEST_SEED";
 /// because the test harness prints nothing there.
 fn write(folder: &Path, seed: u64) {
     let mut dice = Dice(seed | 1);
-    // A small journal is merged every few frames, so that some kills hit a merge.
+    // A small journal is folded every few frames, so that some kills interrupt the folding.
     let storage = Storage {
         journal_pages: Some(16),
         ..Storage::default()
@@ -157,7 +157,7 @@ fn killed(folder: &Path, dice: &mut Dice) -> (u64, u64) {
         match parsed.map(|(mark, number)| (mark, number.parse())) {
             Some((">", Ok(number))) => handed = number,
             Some(("=", Ok(number))) => kept = number,
-            // the kill can cut the last line, also before its number
+            // a kill can cut the last line, even before its number
             _ => assert_eq!(at + 1, count, "{line}"),
         }
     }

@@ -1,5 +1,5 @@
-//! What reaches the disk after power cuts, failed syncs, kills and on a full disk, and how many bytes a frame writes. A
-//! separate test binary, because [`vfs`] becomes the default file layer of the whole process.
+//! Content of the disk after power cuts, failed syncs, kills and on a full disk, and the number of bytes written for
+//! a frame. A separate test binary, because [`vfs`] becomes the default file layer of the whole process.
 
 #[path = "../example_frames/mod.rs"]
 mod example_frames;

@@ -1,8 +1,9 @@
 //! Power cuts, syncs that fail and disks that are full, at every point of a recording.
 //!
 //! One recording is made through a file layer that records all operations ([`vfs`]). Then every possible disk content
-//! after each step is rebuilt ([`image`]) and opened: it contains everything acknowledged, at most the transaction in
-//! progress besides, and the session can continue. `TACTUS_CUTS=all` tests every sector of every write and more seeds.
+//! after each step is rebuilt ([`image`]) and opened: it contains everything acknowledged, in addition at most the
+//! transaction in progress, and the session can continue. `TACTUS_CUTS=all` tests every sector of every write and
+//! more seeds.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -37,13 +38,13 @@ fn header() -> SessionHeader {
     SessionHeader::new("m1", at(0), protocol())
 }
 
-/// Pages of the journal before it is merged into the file: few, so that it happens in a short recording too.
+/// Pages of the journal beyond which it is folded into the file: few, so that a short recording includes a folding.
 const STORAGE: Storage = Storage {
     page_limit: None,
     journal_pages: Some(24),
 };
 
-/// A writer; marks in the steps of the file layer what has been acknowledged to it.
+/// A writer that marks, in the steps of the file layer, what has been acknowledged to it.
 struct Recording<'a> {
     folder: &'a Path,
     writer: SessionWriter,
@@ -97,7 +98,7 @@ impl<'a> Recording<'a> {
     }
 }
 
-/// Records single frames and groups, events, a baseline, several parts, merges of the journal, and an end.
+/// Records single frames and groups, events, a baseline, several parts, foldings of the journal, and an end.
 fn recording(folder: &Path, parts: u64) -> Vec<Step> {
     let mut recording = Recording::begin(folder);
     recording.event();
@@ -199,7 +200,7 @@ fn check(folder: &Path, reported: Mark) {
     assert!(logbook::interrupted(folder).unwrap().is_empty());
 }
 
-/// A folder in memory where the system has one: an image needs no disk.
+/// A folder in memory if the system has one: an image needs no disk.
 fn scratch() -> tempfile::TempDir {
     tempfile::tempdir_in("/dev/shm")
         .or_else(|_| tempfile::tempdir())
@@ -309,7 +310,7 @@ fn after_a_failed_sync_the_next_writer_goes_on() {
             .all(|step| !step.file.starts_with("m1.")),
         "the old file was touched again"
     );
-    // The old file may contain the two unacknowledged frames, too: each counts once.
+    // The old file may contain the two unacknowledged frames too: each counts once.
     let (frames, ..) = held(folder.path());
     assert_eq!(
         frames.into_values().collect::<Vec<_>>(),

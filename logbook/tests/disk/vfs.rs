@@ -1,9 +1,10 @@
-//! A wrapper around SQLite's own file layer that records every write, truncation, sync and deletion of a file, and can make
-//! them fail. The files are real files in their usual places.
+//! A wrapper around SQLite's own file layer (VFS) that records every write, truncation, sync and deletion of a file,
+//! and can make them fail. The files are real files in their usual places.
 //!
-//! `unsafe` because SQLite takes a file layer only as a table of C functions. The wrapper copies the tables of the present
-//! layer, replaces five functions in them by functions that record the call and pass it on, and makes the copy the default.
-//! Of SQLite's memory it keeps nothing beyond a call except the address of an open file, as its name.
+//! `unsafe` because SQLite accepts a file layer only as a table of C functions. The wrapper copies the tables of the
+//! present layer, replaces five functions in them by functions that record the call and forward it, and makes the
+//! copy the default. After a call it retains nothing of SQLite's memory except the address of an open file, which
+//! serves as its name.
 
 #![allow(unsafe_code)]
 
@@ -26,7 +27,7 @@ pub enum Operation {
     Truncate(usize),
     Sync,
     Delete {
-        /// Whether its folder was synced with it.
+        /// Whether its folder was synced too.
         lasting: bool,
     },
     /// A mark of the test: what is acknowledged at this point.
@@ -65,7 +66,7 @@ pub enum Fault {
 struct State {
     steps: Vec<(PathBuf, Step)>,
     faults: HashMap<PathBuf, Fault>,
-    /// By the address of SQLite's file.
+    /// Keyed by the address of SQLite's file object.
     open: HashMap<usize, (PathBuf, Original)>,
 }
 
@@ -90,7 +91,7 @@ fn with<T>(act: impl FnOnce(&mut State) -> T) -> T {
 pub fn record() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        // SAFETY: the default layer is there after initialisation and lives as long as the program; the copy is leaked,
+        // SAFETY: the default layer exists after initialisation and until the end of the program; the copy is leaked,
         // so it does too. Registering it does not change the original.
         unsafe {
             ffi::sqlite3_initialize();
@@ -110,7 +111,7 @@ pub fn record() {
 static REAL: std::sync::atomic::AtomicPtr<ffi::sqlite3_vfs> =
     std::sync::atomic::AtomicPtr::new(std::ptr::null_mut());
 
-/// What has happened in a folder so far.
+/// All operations in a folder so far.
 pub fn steps(folder: &Path) -> Vec<Step> {
     let within = |(path, _): &&(PathBuf, Step)| path.starts_with(folder);
     with(|state| {
@@ -180,13 +181,13 @@ unsafe extern "C" fn open(
     out: *mut c_int,
 ) -> c_int {
     let real = REAL.load(std::sync::atomic::Ordering::SeqCst);
-    // SAFETY: `real` is the layer that SQLite had; all arguments are SQLite's own, for that very function.
+    // SAFETY: `real` is the original layer; all arguments are SQLite's own, for this very function.
     let answer = unsafe { (*real).xOpen.expect("it opens files")(real, name, file, flags, out) };
     if answer != ffi::SQLITE_OK || name.is_null() {
         return answer;
     }
-    // SAFETY: after a successful open the file has its table and its name is a C string. The changed copy is leaked, as
-    // the file may outlive this function by any time.
+    // SAFETY: after a successful open the file has its table and its name is a C string. The changed copy is leaked,
+    // because the file may stay open after this function has returned.
     unsafe {
         let path = PathBuf::from(CStr::from_ptr(name).to_string_lossy().into_owned());
         let original = (*file).pMethods;

@@ -10,9 +10,9 @@ use logbook::{MapRecord, SessionHeader, SessionWriter};
 use survey::Baseline;
 
 const FRAMES: u64 = 2500;
-/// Frames with real syncs, which take milliseconds each; enough for at least one merge of the journal.
+/// Frames with real syncs, which take milliseconds each; enough for at least one folding of the journal.
 const FEWER: u64 = 1000;
-/// The least that a file system writes, bytes.
+/// The smallest unit that a file system writes, bytes.
 const BLOCK: usize = 4096;
 
 /// Records `frames` frames, `group` of them per sync; calls `begun` before the first and returns its value.
@@ -43,8 +43,8 @@ fn record<T>(dir: &Path, digits: Digits, frames: u64, group: u64, begun: impl Fn
     before
 }
 
-/// Bytes that SQLite writes per frame, and bytes of the blocks changed between two syncs. Both include merges of the
-/// journal and the close.
+/// Bytes that SQLite writes per frame, and bytes of the blocks changed between two syncs. Both include foldings of
+/// the journal and the close.
 fn a_frame_writes(digits: Digits, frames: u64, group: u64) -> (f64, f64) {
     vfs::record();
     let dir = tempfile::tempdir().unwrap();
@@ -89,7 +89,7 @@ fn written_by_this_process() -> Option<u64> {
     line.parse().ok()
 }
 
-/// Set in the run that has its own process, so that the kernel counts no other test's writes.
+/// Set in the run that has a process of its own, so that the kernel does not count writes of other tests.
 const ALONE: &str = "TACTUS_TEST_ALONE";
 
 #[test]
@@ -106,7 +106,7 @@ fn the_kernel_counts_what_the_file_layer_counts() {
         assert!(alone.status.success() && printed.contains("1 passed"));
         return;
     }
-    // with SQLite's own file layer first: the counting one does not sync
+    // with SQLite's own file layer first: the recording one does not sync
     let kinds = [Digits::Tenths, Digits::Nine];
     let counted = kinds.map(|digits| {
         let dir = tempfile::tempdir().unwrap();

@@ -6,7 +6,7 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use survey::{Amps, Frame, Protocol, Reading, Settings, Volts};
 
-/// What the voltmeter sends.
+/// The digits that the voltmeter sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Digits {
     /// Steps of 0.1 uV, as on a range of 1 V.
@@ -49,7 +49,7 @@ impl Rig {
         &self.protocol
     }
 
-    /// Nearly normal, without a dependency: twelve uniform numbers.
+    /// Approximately normal, without a dependency: sum of twelve uniform numbers.
     fn noise(&mut self) -> f64 {
         let mut uniform = || {
             self.state = self

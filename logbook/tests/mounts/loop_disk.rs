@@ -1,4 +1,4 @@
-//! A filesystem of a test's own, in an image on a loop device, that can be made to fail.
+//! A private filesystem for a test, in an image on a loop device, that can be made to fail.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

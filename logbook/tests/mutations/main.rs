@@ -1,6 +1,6 @@
-//! A session file with one thing in it changed: either a reader gets exactly what was written, or [`logbook::verify`]
-//! reports a finding. Bytes of the file and of its journal are flipped, overwritten, moved and cut off; tables are
-//! changed by SQL. Checksums are never computed again: they detect damage, not forgery.
+//! A session file with one thing in it changed: either a reader returns exactly what was written, or
+//! [`logbook::verify`] reports a finding. Bytes of the file and of its journal are flipped, overwritten, moved and
+//! cut off; tables are changed by SQL. Checksums are never computed again: they detect damage, not forgery.
 
 mod bytes;
 mod sql;
@@ -88,7 +88,7 @@ fn written(dir: &Path) -> SessionWriter {
         config_toml: "# a configuration\n".repeat(20),
         ..SessionHeader::new("m1", at(0), protocol())
     };
-    // so few pages that a part of the session is merged and the rest is in the journal
+    // few pages, so that a part of the session is folded and the rest is in the journal
     let storage = Storage {
         journal_pages: Some(24),
         ..Storage::default()

@@ -131,7 +131,7 @@ pub fn mutations(path: &Path) -> Vec<String> {
             }
         }
         if count > 1 {
-            // two rows change places
+            // two rows are exchanged
             all.push(format!(
                 "UPDATE {table} SET {key} = -7 WHERE {key} = {first};
                  UPDATE {table} SET {key} = {first} WHERE {key} = {last};
@@ -161,7 +161,7 @@ fn of_the_closing() -> Vec<String> {
     .to_vec()
 }
 
-/// Makes the change; `false` where SQLite refuses it or it changes nothing.
+/// Makes the change; `false` if SQLite refuses it or it changes nothing.
 pub fn apply(path: &Path, script: &str) -> bool {
     let connection = open(path);
     let done = connection.execute_batch(script).is_ok();
@@ -173,7 +173,7 @@ fn open(path: &Path) -> Connection {
     connection
         .execute_batch("PRAGMA foreign_keys = OFF; PRAGMA ignore_check_constraints = ON")
         .unwrap();
-    // do not merge the journal of an interrupted session
+    // do not fold the journal of an interrupted session
     connection
         .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
         .unwrap();

@@ -1,4 +1,4 @@
-//! What a session file keeps, and what it refuses.
+//! What a session file stores, and what it refuses.
 
 use std::time::Duration;
 
@@ -83,7 +83,7 @@ pub(crate) fn header(id: &str) -> SessionHeader {
     }
 }
 
-/// The record as read back: only the first 8 digits of a SHA-256 are kept, 16 if there is no sum.
+/// The record as read back: only the first 8 digits of a SHA-256 are stored, 16 if there is no sum.
 pub(crate) fn kept_record(number: u64) -> MapRecord {
     let mut record = map_record(number);
     if number != 5 {
@@ -98,7 +98,7 @@ pub(crate) fn kept_record(number: u64) -> MapRecord {
 pub(crate) fn map_record(number: u64) -> MapRecord {
     MapRecord {
         hash: match number {
-            // A hash in another format is kept unchanged.
+            // A hash in another format is stored unchanged.
             5 => "'".repeat(32),
             _ => format!("{:064x}", u128::from(number) << 120),
         },
@@ -107,7 +107,7 @@ pub(crate) fn map_record(number: u64) -> MapRecord {
         } else {
             "rbf".into()
         },
-        // With a hash in another format no sum is kept.
+        // With a hash in another format no sum is stored.
         sum: (number != 3 && number != 5).then_some(-1.5e-30 * number as f32),
         model_hash: (number >= 3).then(|| "d".repeat(64)),
         build: "0.1.0".into(),

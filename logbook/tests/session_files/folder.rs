@@ -1,4 +1,4 @@
-//! The sessions of a folder: listed, found by their ids, remembered in an index.
+//! The sessions of a folder: listed, found by their ids, cached in an index.
 
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
@@ -91,8 +91,8 @@ fn indexed() -> (tempfile::TempDir, logbook::Index) {
     }
     let mut index = logbook::Index::load(dir.path());
     assert_eq!(index.unknown().unwrap(), 3);
-    // a file changed within the last tick of the file system's clock could change again unseen, so it is not indexed
-    // yet
+    // a file changed within the last tick of the file system's clock could change again unnoticed, so it is not
+    // indexed yet
     while index.unknown().unwrap() > 0 {
         index.refresh().unwrap();
     }

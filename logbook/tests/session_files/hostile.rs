@@ -1,5 +1,4 @@
-//! Files made to harm a reader: foreign tables, endless SQL, texts that fill the memory, and paths that are not regular
-//! files.
+//! Malicious files: foreign tables, endless SQL, texts that fill the memory, and paths that are not regular files.
 
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -148,7 +147,7 @@ fn a_text_of_400_mb_is_refused_before_it_is_in_memory() {
     }
 }
 
-/// The most memory that this process has held so far, kB.
+/// The peak memory of this process so far, kB.
 fn peak() -> i64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status

@@ -20,7 +20,7 @@ fn protocol() -> Protocol {
     Protocol::sheffield(16).unwrap()
 }
 
-/// A frame of raw voltages, so that some nine fill a page; taken at a second.
+/// A frame of raw voltages, of which about nine fill a page, taken at a second.
 fn frame(number: u64, second: i64) -> Frame {
     let readings = (0..protocol().len() as u64)
         .map(|k| {
@@ -264,7 +264,7 @@ fn damage_to_the_last_page_is_reported() {
     );
 }
 
-/// Closed sessions of some frames, one an hour.
+/// Two baselines and two measurements, closed, of five frames each; one session an hour.
 fn shelf(dir: &Path) -> Vec<PathBuf> {
     let hour = |hour: i64| 3600 * hour;
     let mut paths = Vec::new();
@@ -362,7 +362,7 @@ fn retention_by_age_and_size_never_takes_what_is_needed() {
 fn a_file_named_like_a_session_and_more_is_another_one() {
     let dir = tempfile::tempdir().unwrap();
     let paths = shelf(dir.path());
-    // a user's copy of a session, a file beside it, and notes
+    // a user's copy of a session, a companion file of the copy, and notes
     let copy = dir.path().join("m1.old.tactus");
     let beside = dir.path().join("m1.old.tactus-wal");
     let notes = dir.path().join("m1_notes.txt");

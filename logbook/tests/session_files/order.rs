@@ -65,7 +65,7 @@ fn negative_number_of_the_last_frame_is_reported() {
         assert!(with("missing", last), "{name}: {:?}", found.findings);
         assert_eq!(found.frames, 64, "{name}");
 
-        // the others are there
+        // the other frames are intact
         let session = SessionReader::open(&path).unwrap();
         assert_eq!(session.len().unwrap(), 64, "{name}");
         assert_eq!(session.summary().unwrap().last, Some(at(64)), "{name}");

@@ -233,7 +233,7 @@ fn a_disk_too_full_to_roll_over_leaves_the_session_where_it_was() {
     };
     drop(begun(dir.path(), "m1", 3));
     let path = dir.path().join("m1.tactus");
-    // Three pages are too few for the header of a new part; this one holds more already.
+    // Three pages are too few for the header of a new part; the present part is already larger.
     let (mut writer, _) = SessionWriter::resume_with(&path, storage).unwrap();
     let refusal = writer.roll(at(4)).unwrap_err();
     assert!(refusal.is_full() && !refusal.is_broken(), "{refusal:?}");

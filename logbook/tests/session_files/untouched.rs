@@ -92,7 +92,7 @@ const OTHERWISE: &str =
 
 /// A rollback journal that would restore a file without the frames after 5.
 fn hostile_journal(path: &Path) -> Vec<u8> {
-    // without a sync the number of pages is not written before the end, and SQLite goes by the journal's size
+    // without a sync the number of pages is not written before the end, and SQLite uses the size of the journal
     let changing =
         "PRAGMA synchronous = OFF; BEGIN; UPDATE session SET note = 'x'; DELETE FROM frame";
     left_by(path, &[OTHERWISE, changing], "-journal")
@@ -123,7 +123,7 @@ fn a_stray_journal_beside_a_closed_session_is_not_played_back() {
             "{end}"
         );
         assert!(before == all(dir.path()), "{end}: something was changed");
-        // the copy that a repair makes is of the session, too
+        // the copy made by a repair has the frames of this session, too
         let out = tempfile::tempdir().unwrap();
         let repaired = repair(&path, Some(&out.path().join("r.tactus")), at(200), |_| {}).unwrap();
         assert_eq!(repaired.frames, FRAMES, "{end}");

@@ -51,7 +51,7 @@ fn quantities_stay_as_long_as_a_part_of_their_session() {
     let freed: u64 = pruned.removed.iter().map(|removed| removed.bytes).sum();
     assert_eq!(logbook::folder_bytes(dir).unwrap(), before - freed);
     assert_eq!(pruned.left, before - freed);
-    // the archive knows lines by their numbers
+    // the archive identifies lines by their numbers
     append_quantities(dir, "m1", "{\"minute\":2}").unwrap();
     let lines = quantity_lines(dir, "m1").unwrap().unwrap().lines;
     let numbers: Vec<u64> = lines.iter().map(|line| line.number).collect();
