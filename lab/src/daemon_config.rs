@@ -1,4 +1,4 @@
-//! Reading the configuration of a daemon.
+//! Reads the configuration of a daemon.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use config::Config;
 use config::problems::Source;
 use studies::Failure;
 
-/// The configuration in a file.
+/// Reads a configuration file.
 ///
 /// # Errors
 /// A file that cannot be read, or the first of its problems.

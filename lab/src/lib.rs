@@ -203,7 +203,7 @@ mod outputs {
                 "sheet --frames",
                 "sheet --session",
                 "train dnn --case",
-                // replaced if it is a checkpoint of the same training, otherwise refused
+                // a checkpoint of the same training is replaced, any other file is refused
                 "train dnn --checkpoint",
                 "train dnn --dataset",
                 "train dnn --noise-frames",

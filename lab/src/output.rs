@@ -1,14 +1,15 @@
-//! Text on standard output. Where nobody reads it any more (`| head`), commands go on in silence: their files matter.
+//! Writes text to standard output. After a broken pipe (`| head`) commands continue without output, because their files
+//! matter.
 
 use std::fmt;
 use std::io::{ErrorKind, Write};
 
-/// Prints a line, as `println!`.
+/// Prints a line, like `println!`.
 macro_rules! print_line {
     ($($text:tt)*) => { $crate::output::print(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// Prints text, as `print!`.
+/// Prints text, like `print!`.
 macro_rules! print_text {
     ($($text:tt)*) => { $crate::output::print(format_args!($($text)*)) };
 }

@@ -1,4 +1,4 @@
-//! The commands of this program, for studies that run them.
+//! Runs the commands of this program for studies.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -8,7 +8,7 @@ use studies::{Failure, Program};
 
 use crate::args::Arguments;
 
-/// `tactus-lab` itself.
+/// This program, `tactus-lab`.
 pub(crate) struct TactusLab;
 
 fn parsed(words: &[OsString]) -> Result<Arguments, clap::Error> {
@@ -27,7 +27,7 @@ impl Program for TactusLab {
         crate::perform(&arguments.command)
     }
 
-    /// In a new process: here, the model would reuse memory freed by the training.
+    /// Measured in a new process, because in this one the model would reuse memory freed by the training.
     fn resident_bytes(&self, model: &Path) -> Option<u64> {
         let program = std::env::current_exe().ok()?;
         let mut command = std::process::Command::new(&program);

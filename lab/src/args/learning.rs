@@ -89,7 +89,7 @@ pub(crate) enum Profile {
 }
 
 impl Profile {
-    /// As on the command line, and in the name of a model.
+    /// Name of the profile on the command line and in the names of models.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Paper => "paper",

@@ -46,7 +46,7 @@ pub(crate) struct Replacing {
 }
 
 impl Replacing {
-    /// As needed for writing files.
+    /// The rule for existing files, for the crate `outfile`.
     pub(crate) fn existing(self) -> Existing {
         Existing::forced(self.force)
     }

@@ -1,4 +1,5 @@
-//! Which numbers the commands that train take. What a number costs in memory is compared with the machine before work begins.
+//! Bounds of the numeric options of training commands. The memory that they need is compared with the machine's before
+//! work begins.
 
 use survey::Bounds;
 

@@ -1,4 +1,4 @@
-//! The frames that belong to a case, which is a folder or a MAT-file.
+//! Reads the frames that belong to a case, which is a folder or a MAT-file.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use survey::Amps;
 
 use super::eidors;
 
-/// The folder of a case: itself, or that of its MAT-file.
+/// The folder of a case: the case itself, or the folder that contains its MAT-file.
 pub(crate) fn folder(case: &Path) -> &Path {
     if !eidors::is_mat(case) {
         return case;
@@ -19,7 +19,7 @@ pub(crate) fn folder(case: &Path) -> &Path {
     named.unwrap_or(Path::new("."))
 }
 
-/// The frames of a table, or those of the MAT-file where no table is named.
+/// The frames of a table, or of the MAT-file if no table is named.
 pub(crate) fn frames(
     case: &Path,
     table: &TableOptions<'_>,
@@ -31,7 +31,7 @@ pub(crate) fn frames(
     Ok(FrameTable::read(folder(case), table, readings)?)
 }
 
-/// The current of all readings of a case that was read from `path`; `attempt` is what needs it.
+/// The current of all readings of a case that was read from `path`. `attempt`: the purpose, for the error.
 ///
 /// # Errors
 /// Readings at several currents.

@@ -1,4 +1,4 @@
-//! `tactus-lab mesh`: a case folder from a preset.
+//! `tactus-lab mesh`: writes a case folder from a preset.
 
 use std::sync::Arc;
 
@@ -59,7 +59,7 @@ pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The preset with the Sheffield protocol and its uniform conductance, named `homog`.
+/// The case of a preset with the Sheffield protocol and the uniform conductance `homog`.
 pub(crate) fn case(preset: &Preset, current: Amps) -> Result<Case, Failure> {
     Geometry::from_preset(preset)
         .map_err(|fault| Failure::because(survey::error_chain(&fault)))?
@@ -67,7 +67,7 @@ pub(crate) fn case(preset: &Preset, current: Amps) -> Result<Case, Failure> {
         .map_err(|fault| Failure::of("no protocol for this ring", &fault))
 }
 
-/// The case as the cross-section of a tank, where the options give a depth.
+/// The case as the cross-section of a tank if the options give a depth, otherwise unchanged.
 pub(crate) fn with_depth(mut case: Case, options: &DepthArguments) -> Result<Case, Failure> {
     if let Some(settings) = options.settings() {
         let depth = settings
@@ -78,7 +78,7 @@ pub(crate) fn with_depth(mut case: Case, options: &DepthArguments) -> Result<Cas
     Ok(case)
 }
 
-/// A case folder or a MAT-file, with a warning on standard error if its electrodes are coarse.
+/// Reads a case folder or a MAT-file, with a warning on standard error if its electrodes are coarse.
 pub(crate) fn read(path: &std::path::Path) -> Result<Case, Failure> {
     let case = match eidors::is_mat(path) {
         true => eidors::case(path)?,

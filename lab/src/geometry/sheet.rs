@@ -1,4 +1,5 @@
-//! `tactus-lab sheet`: the sheet behind a baseline, uneven as it was sprayed, as a case folder.
+//! `tactus-lab sheet`: fits the sheet (with the unevenness of its spraying) to a baseline and writes it as a case
+//! folder.
 
 use eit::Case;
 use imaging::recorded::{Recording, TableOptions};
@@ -12,7 +13,7 @@ use super::{frames, one_current, read};
 use crate::args::SheetOptions;
 use crate::output::print_line;
 
-/// Relative misfit of the fitted readings above which the fit is not to be relied on.
+/// Relative misfit of the fitted readings above which the fit is unreliable.
 const POOR: f64 = 0.05;
 
 /// Fits the sheet and writes the folder.
@@ -65,7 +66,7 @@ pub(crate) fn sheet(options: &SheetOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The baseline, and the current of its readings: of a session, otherwise of the folder.
+/// The baseline and the current of its readings: those of a session if one is given, otherwise of the case.
 fn baseline(options: &SheetOptions, case: &Case) -> Result<(Vec<Reading>, Amps), Failure> {
     let readings = case.protocol.len();
     if let Some(path) = &options.session {

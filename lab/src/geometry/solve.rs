@@ -204,7 +204,7 @@ pub(crate) fn jacobian(options: &JacobianOptions) -> Result<(), Failure> {
     )
 }
 
-/// Y and Z of Eq. 2.
+/// `tactus-lab transfer`: Y and Z of Eq. 2.
 pub(crate) fn transfer(options: &TransferOptions) -> Result<(), Failure> {
     let case = read(&options.case)?;
     let sigma = case

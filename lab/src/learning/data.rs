@@ -15,12 +15,12 @@ use super::limits;
 use crate::args::{DataOptions, Profile};
 use crate::geometry;
 
-/// gamma of the profile `paper`, unless another is stated: the paper's.
+/// Default gamma of the profile `paper`: that of the paper.
 const GAMMA: f64 = 0.01;
-/// Noise of one reading of the other profiles, unless another is stated, V.
+/// Default noise of one reading of the other profiles, V.
 const NOISE_V: &[f64] = &[2e-6];
 
-/// The case, the noise and the set of a training.
+/// The case, the noise and, if one is given, the set of a training.
 pub(super) struct Data {
     pub(super) case: Case,
     pub(super) jitter: Jitter,
@@ -66,8 +66,8 @@ impl Data {
         Ok(Self { case, jitter, set })
     }
 
-    /// The model with what its maps of cases that it has not seen leave unexplained: of the last `held_out` of a recorded set, else
-    /// of simulated ones.
+    /// Adds to the model its misfit, the share of a change that its maps leave unexplained, on unseen cases: on the
+    /// last `held_out` cases of a recorded set, otherwise on simulated ones.
     pub(super) fn judged(&self, model: Model, held_out: usize) -> Result<Model, Failure> {
         let settings = self.set.as_ref().map(|set| set.settings());
         let drawn = settings.unwrap_or(&model.metadata().training).seed;
@@ -120,7 +120,7 @@ fn check_options(options: &DataOptions) -> Result<(), Failure> {
     }
 }
 
-/// The largest reading of the set's baseline, else of the case, V.
+/// The largest reading of the set's baseline, or of the case without a set, V.
 fn largest_reading(case: &Case, set: Option<&DataSet>, current_a: f64) -> Result<f64, Failure> {
     match set {
         Some(set) => {
@@ -131,7 +131,7 @@ fn largest_reading(case: &Case, set: Option<&DataSet>, current_a: f64) -> Result
     }
 }
 
-/// White noise of one level with months of drift.
+/// White noise of one level, and months of drift.
 fn drifting(case: &Case, levels: &[f64]) -> Result<Jitter, Failure> {
     let &[noise_v] = levels else {
         return Err(Failure::usage("--profile months takes one --noise-v"));
@@ -147,7 +147,7 @@ fn drifting(case: &Case, levels: &[f64]) -> Result<Jitter, Failure> {
     })
 }
 
-/// Frames of the unloaded sheet, V; complete ones only.
+/// Frames of the unloaded sheet, V; a frame with missing readings is an error.
 fn noise_frames(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> {
     read_frames(path, readings, false)?
         .iter()

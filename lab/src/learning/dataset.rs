@@ -11,7 +11,7 @@ use crate::args::DatasetOptions;
 use crate::geometry;
 use crate::output::print_line;
 
-/// Makes or resumes one shard, lists the incomplete ones, or merges them.
+/// Makes or resumes one shard, lists the missing shards, or merges the shards.
 pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
     let case = match &options.case {
         Some(folder) => geometry::read(folder)?,
@@ -62,7 +62,7 @@ fn make(
     Ok(made)
 }
 
-/// Settings that each training has of its own: the cases of a set do not depend on them.
+/// Settings that belong to a training and do not affect the cases of a set.
 const WITHOUT_EFFECT: [&str; 4] = ["jitter", "neurons", "repeats", "spread_times"];
 
 fn settings(options: &DatasetOptions) -> Result<TrainingSettings, Failure> {
@@ -91,12 +91,12 @@ fn settings(options: &DatasetOptions) -> Result<TrainingSettings, Failure> {
     if let Some(cases) = options.cases {
         settings.cases = cases;
     }
-    // the set is for any method; `train rbf` has neurons of its own
+    // a set is for any method, and `train rbf` has its own number of neurons
     settings.neurons = settings.neurons.min(settings.cases);
     Ok(settings)
 }
 
-/// From now on SIGTERM ends the command after the work in progress.
+/// After this call SIGTERM ends the command when the work in progress is complete.
 pub(crate) fn stop_request() -> Result<StopRequest, Failure> {
     StopRequest::on_sigterm().map_err(|cause| Failure::of("SIGTERM cannot be handled", &cause))
 }

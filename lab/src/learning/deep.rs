@@ -19,7 +19,7 @@ use super::model_file;
 use crate::args::{DataOptions, DeepOptions, Profile};
 use crate::output::print_line;
 
-/// Version of the numbers in a checkpoint.
+/// Version of the layout of a checkpoint.
 const LAYOUT: u32 = 2;
 
 /// The settings of a deep training: `[data]` and `[deep]` of a settings file.
@@ -111,7 +111,7 @@ fn summary(path: &Path, model: &Model, report: &DeepReport) -> String {
     )
 }
 
-/// The profile's settings, changed by the file, then by flags.
+/// The settings of the profile, changed by the settings file and then by flags.
 fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure> {
     let mut settings = Settings {
         data: TrainingSettings {
@@ -121,7 +121,7 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         deep: DeepSettings::default(),
     };
     if options.data.profile != Profile::Paper {
-        // 3e-5 of the largest reading, about 10 uV at 1 mA: it does not hide small loads
+        // 3e-5 of the largest reading, about 10 uV at 1 mA, so that small loads are not hidden
         settings.deep.normalisation_epsilon = 1e-9;
     }
     let changed = |settings: &Settings, given: toml::Table| {
@@ -168,13 +168,13 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
     Ok(settings)
 }
 
-/// Settings of `[data]` that are of the training itself. By the others the cases of a set were drawn.
+/// Settings of `[data]` that belong to the training itself. The other ones determine the cases of a set.
 const OF_TRAINING: [&str; 3] = ["jitter", "repeats", "seed"];
 
 /// Settings of `[data]` that only RBF networks have.
 const OF_RBF: [&str; 2] = ["neurons", "spread_times"];
 
-/// Why the first setting without effect has none.
+/// The reason why a setting in `given` has no effect; `None` if all have one.
 fn without_effect(options: &DataOptions, given: &toml::Table) -> Option<String> {
     let noise = [
         ("--gamma", options.gamma.is_some()),
@@ -197,7 +197,7 @@ fn without_effect(options: &DataOptions, given: &toml::Table) -> Option<String> 
     given.get("data")?.as_table()?.keys().find_map(why)
 }
 
-/// Settings with the entries of `given` replacing theirs; unknown keys are refused.
+/// The settings, with their entries replaced by those of `given`; unknown keys are refused.
 fn changed(settings: &Settings, given: toml::Table) -> Result<Settings, String> {
     let mut whole = toml::Table::try_from(settings).map_err(|fault| fault.to_string())?;
     for (name, table) in given {
@@ -220,13 +220,13 @@ fn trained(
     let (case, given) = (&data.case, data.samples());
     let failed = |fault: &dyn std::error::Error| Failure::of("the training", fault);
     let sigma0 = case.unloaded_conductance();
-    // the held-out cases follow those used for training
+    // the held-out cases follow the cases used for training
     let drawn = TrainingSettings {
         cases: settings.data.cases + settings.deep.held_out,
         neurons: 1,
         ..settings.data.clone()
     };
-    // a set in files is read sample by sample; a simulated one is solved once and kept in memory
+    // a given set is read from files sample by sample; a simulated one is solved once and kept in memory
     let made = match given {
         Some(_) => None,
         None => {
@@ -271,7 +271,7 @@ fn trained(
         samples,
         noise: &noise,
         repeats: settings.data.repeats,
-        // all symmetric copies of a case are on the same side
+        // all symmetric copies of a case belong to the same part, training or held out
         settings: DeepSettings {
             held_out: settings.deep.held_out * views,
             ..settings.deep.clone()
@@ -301,7 +301,7 @@ fn trained(
     data.judged(model, settings.deep.held_out)
 }
 
-/// A bar per epoch, and a line for each completed one.
+/// A progress bar for each epoch, and a line for each completed one.
 #[derive(Default)]
 struct Watch {
     bar: RefCell<Option<ProgressBar>>,

@@ -1,4 +1,4 @@
-//! What a training needs, compared with the case and the machine before work begins.
+//! Limits of noise, memory and loss that a training must satisfy for its case and this machine.
 
 use eit::{Case, Forward};
 use studies::Failure;
@@ -8,7 +8,7 @@ use survey::{Bounds, Volts};
 /// power-line cycles on its 1 V range.
 const PLAUSIBLE_NOISE_V: f64 = 1e-3;
 
-/// Share of an empty map's loss above which a training has learnt nothing.
+/// Loss relative to that of empty maps above which a training has learnt nothing.
 const NOTHING_LEARNT: f64 = 0.99;
 
 /// The largest reading of a case, V.
@@ -71,7 +71,7 @@ pub(super) fn check_learnt(loss: f64, empty: f64, confirmed: bool) -> Result<(),
 /// # Errors
 /// Both sizes, and what to do.
 pub(super) fn check_memory(cases: usize, readings: usize, copies: usize) -> Result<(), Failure> {
-    // single precision; the cases are there twice while they are collected
+    // single precision; while the cases are collected there are two copies of them
     let bytes = 4.0 * readings as f64 * cases as f64 * (2.0 + copies as f64);
     let needs = format!(
         "{cases} cases of {readings} readings take about {} of memory",
@@ -96,7 +96,7 @@ fn size(bytes: f64) -> String {
     }
 }
 
-/// Memory that the machine can still give; `None` where it does not say.
+/// Memory that is available on this machine, bytes; `None` if it is not known.
 fn free_bytes() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text
@@ -130,7 +130,7 @@ mod tests {
         assert!(refused(f64::NAN).is_err());
         assert!(refused(1.97).is_ok());
         assert!(check_learnt(2.5, 2.0, true).is_ok());
-        // too few cases to hold any out
+        // there are too few cases to hold any out
         assert!(check_learnt(0.0, 0.0, false).is_ok());
     }
 }

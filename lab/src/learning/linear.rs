@@ -20,7 +20,7 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
             Some(set) => set.settings().clone(),
             None => TrainingSettings {
                 cases: options.cases,
-                // it has none, and they are a part of its file
+                // a linear map has no neurons, but its file stores these settings
                 neurons: usual.neurons.min(options.cases),
                 seed: options.seed,
                 ..usual

@@ -1,4 +1,4 @@
-//! Commands that make training sets and train models; `training` does the training.
+//! Commands that make training sets and train models; the crate `training` contains the algorithms.
 
 mod data;
 mod dataset;

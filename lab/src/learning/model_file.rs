@@ -27,7 +27,7 @@ pub(super) fn json(path: &Path, model: &Model, report: &impl Serialize) -> Value
     })
 }
 
-/// What its maps leave unexplained of cases that it has not seen, by the size of their change.
+/// The misfit of the model's maps on unseen cases as text, by the size of the change.
 pub(super) fn misfit(model: &Model) -> String {
     let Some(misfit) = &model.metadata().own_misfit else {
         return "no limit for own misfit: too few held-out cases".to_owned();

@@ -12,7 +12,7 @@ use super::model_file;
 use crate::args::TrainOptions;
 use crate::output::print_line;
 
-/// Cases by which a network is compared with empty maps.
+/// Number of cases on which a network is compared with empty maps.
 const JUDGED: usize = 100;
 
 /// Trains and writes the model file.
@@ -29,7 +29,7 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
         Some(set) => set.settings().seed,
         None => options.seed,
     };
-    // recorded cases cannot be simulated: the last tenth judges the training
+    // recorded cases cannot be simulated: the last tenth of them is held out to test the training
     let recorded = data.set.as_ref().filter(|set| set.is_recorded());
     let first = recorded.map(|set| FirstCases {
         of: set,
@@ -145,8 +145,8 @@ impl Samples for FirstCases<'_> {
     }
 }
 
-/// Losses of a network and of empty maps, without noise, on cases that it has not seen: those of a recorded set that it was not
-/// trained on, else simulated ones.
+/// Losses of a network and of empty maps, without noise, on unseen cases: on those of a recorded set that are not in
+/// `trained_on`, otherwise on simulated ones.
 fn losses(
     case: &Case,
     model: &Model,

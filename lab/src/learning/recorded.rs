@@ -16,16 +16,16 @@ use crate::args::DatasetOptions;
 use crate::maps::{Press, Presses};
 use crate::output::print_line;
 
-/// Places in a triangle, along an edge, at which a press is looked for.
+/// Number of sampled positions along each edge of a triangle for the share that a press covers.
 const PLACES: u32 = 6;
-/// Share of the sheet: presses that all lie so near to the origin have their places in a wrong unit.
+/// Share of the sheet: if all presses are so near to the origin, their positions are in a wrong unit.
 const SPECK: f64 = 0.01;
-/// Relative loss under the largest pressure, unless another is stated.
+/// Default of the relative loss under the largest pressure.
 const LOSS: f64 = 0.5;
 /// Millimetres in a metre.
 const MILLI: f64 = 1e3;
 
-/// Makes the set and prints what it has.
+/// Makes the set and prints its content.
 pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> Result<(), Failure> {
     let presses = Presses::read(&folder.join(test_set::PRESSES))?;
     if let Some(loss) = options.loss
@@ -97,7 +97,7 @@ pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> R
     Ok(())
 }
 
-/// Hash of everything that was recorded.
+/// Hash of all recorded data.
 fn source(samples: &[Sample], unloaded: &[f64]) -> String {
     let mut bytes: Vec<u8> = unloaded.iter().flat_map(|v| v.to_le_bytes()).collect();
     for sample in samples {
@@ -110,7 +110,7 @@ fn source(samples: &[Sample], unloaded: &[f64]) -> String {
     fingerprint(&bytes)
 }
 
-/// The readings of a frame; all of them are needed.
+/// The readings of a frame, V; a missing one is an error.
 fn volts(of: &str, readings: &[Reading]) -> Result<Vec<f64>, Failure> {
     let found = readings.iter().enumerate().map(|(number, reading)| {
         reading.volts().map(|volts| volts.0).ok_or_else(|| {
@@ -122,7 +122,7 @@ fn volts(of: &str, readings: &[Reading]) -> Result<Vec<f64>, Failure> {
     found.collect()
 }
 
-/// Refuses presses whose centres are not on the sheet, and tells a wrong unit from a wrong place.
+/// Refuses presses whose centres are not on the sheet; the error distinguishes a wrong unit from a wrong position.
 fn check_places(mesh: &Mesh, presses: &Presses) -> Result<(), Failure> {
     let [low, high] = bounding_box(mesh.nodes().iter().copied());
     let ranges = [0, 1].map(|axis| [low[axis], high[axis]]);
@@ -143,7 +143,7 @@ fn check_places(mesh: &Mesh, presses: &Presses) -> Result<(), Failure> {
         millimetres(ranges[1])
     );
     let place = |press: &Press| {
-        // to the nanometre
+        // rounded to the nanometre
         let [x, y] = press.centre.map(|x| (1e6 * MILLI * x).round() / 1e6);
         format!("the press at ({x}, {y}) mm")
     };
@@ -157,7 +157,7 @@ fn check_places(mesh: &Mesh, presses: &Presses) -> Result<(), Failure> {
         let why = format!("{} is outside of the sheet: {sheet}{hint}", place(press));
         return Err(presses.wrong(press, &why));
     }
-    // places in m in columns of mm all lie at the origin
+    // positions in m in columns of mm are all near the origin
     let at_origin = |press: &Press| {
         let mut axes = press.centre.iter().zip(&ranges);
         axes.all(|(x, [low, high])| x.abs() < SPECK * (high - low))
@@ -178,7 +178,7 @@ fn check_places(mesh: &Mesh, presses: &Presses) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Refuses fewer presses than unknowns, unless confirmed.
+/// Refuses fewer presses than readings, unless confirmed.
 fn check_count(presses: usize, readings: usize, confirmed: bool) -> Result<(), Failure> {
     if presses >= readings || confirmed && presses > 0 {
         return Ok(());
@@ -190,8 +190,8 @@ fn check_count(presses: usize, readings: usize, confirmed: bool) -> Result<(), F
     )))
 }
 
-/// Relative loss under each press: its own, or that of the largest pressure in proportion to its pressure, or the same for all. A press
-/// of which neither is known, beside others of which it is, has no loss that could be derived.
+/// Relative loss under each press: the stated loss, or a share of `largest` in proportion to the pressure, or `largest`
+/// for all presses if neither is stated for any. If only some presses have a loss or a mass, those without are refused.
 fn strengths(presses: &Presses, largest: f64) -> Result<Vec<f64>, Failure> {
     let pressure = |press: &Press| press.mass.map(|mass| mass / press.diameter.powi(2));
     let most = presses.all.iter().filter_map(pressure).fold(0.0, f64::max);
@@ -220,7 +220,7 @@ fn target(mesh: &Mesh, press: &Press, loss: f64) -> Vec<(u32, f32)> {
     for (unknown, &triangle) in mesh.region().iter().enumerate() {
         let [a, b, c] = mesh.corners(triangle);
         let away = |at: [f64; 2]| (at[0] - press.centre[0]).hypot(at[1] - press.centre[1]);
-        // a triangle is within its perimeter of each corner
+        // the whole triangle is within a distance of its perimeter from each corner
         let size = [(a, b), (b, c), (c, a)].map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1]));
         if away(a) > radius + size.iter().sum::<f64>() {
             continue;
@@ -228,7 +228,7 @@ fn target(mesh: &Mesh, press: &Press, loss: f64) -> Vec<(u32, f32)> {
         let mut covered = 0_u32;
         for i in 0..PLACES {
             for j in 0..PLACES {
-                // midpoints of a square's cells, folded into the triangle
+                // midpoints of the cells of a square, whose upper half is folded into the triangle
                 let mut at = [i, j].map(|k| (f64::from(k) + 0.5) / f64::from(PLACES));
                 if at[0] + at[1] > 1.0 {
                     at = at.map(|x| 1.0 - x);

@@ -1,4 +1,5 @@
-//! `tactus-lab calibrate`: from relative loss to kPa, fitted to a method's own maps of presses of known mass and area.
+//! `tactus-lab calibrate`: fits the conversion from relative loss to kPa to a method's own maps of presses of known
+//! mass and area.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -89,13 +90,13 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A calibration from its file.
+/// Reads a calibration from its file.
 pub(crate) fn read(path: &Path) -> Result<Calibration, Failure> {
     let refused = |why| Failure::because(format!("calibration {}: {why}", path.display()));
     imaging::read_calibration(path).map_err(refused)
 }
 
-/// The method as arguments of `reconstruct`.
+/// The method as options of `reconstruct`.
 fn words(options: &CalibrateOptions) -> Vec<String> {
     let mut words: Vec<String> = match options.method.strip_prefix("model ") {
         Some(file) => vec!["--model".to_owned(), file.to_owned()],

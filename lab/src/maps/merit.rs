@@ -10,10 +10,10 @@ use crate::args::MeritOptions;
 use crate::output::print_line;
 use studies::Failure;
 
-/// File with a row of x, y for each image, in the folder of the images.
+/// Name of the file in the folder of the images with a row x, y for each image.
 const TARGETS: &str = "targets.csv";
 
-/// Prints one line per image: GREIT's figures, and those that compare it with its truth.
+/// Prints a line for each image: GREIT's figures, and the figures that compare the image with the truth.
 pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
     let files = images(&options.images)?;
     let targets = targets(options, &files)?;
@@ -40,7 +40,7 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
         let millimetres = target
             .zip(options.width_mm.zip(options.height_mm))
             .map(|(t, (w, h))| {
-                // half the box is 1; x is along rows, that is along the sheet's height
+                // the unit of the coordinates is half the box; x is along rows, which is along the sheet's height
                 (0.5 * h * (t[0] - merit.centroid[0])).hypot(0.5 * w * (t[1] - merit.centroid[1]))
             });
         let beside = match &options.truth {

@@ -1,5 +1,5 @@
-//! Commands on frames and maps: reconstruction, calibration to pressure, figures of merit of images.
-//! `studies::evaluation` prepares the methods.
+//! Commands on frames and maps: reconstruction, calibration to pressure, figures of merit of images. The methods are
+//! prepared by `studies::evaluation`.
 
 mod calibrate;
 mod merit;

@@ -1,4 +1,4 @@
-//! Tables of known presses, a line each: which frame, where, how wide, under which mass or with which loss.
+//! Tables of known presses, a line each: its frame, position, diameter, and its mass or loss.
 
 use std::path::{Path, PathBuf};
 
@@ -12,11 +12,11 @@ pub(crate) struct Press {
     pub(crate) line: usize,
     /// Label or number of its frame.
     pub(crate) frame: String,
-    /// m.
+    /// Position of the centre, m.
     pub(crate) centre: [f64; 2],
-    /// m.
+    /// Diameter, m.
     pub(crate) diameter: f64,
-    /// kg.
+    /// Mass on the press, kg.
     pub(crate) mass: Option<f64>,
     /// Relative loss of conductance under it, 0 to 1.
     pub(crate) loss: Option<f64>,
@@ -32,8 +32,8 @@ pub(crate) struct Presses {
 const COLUMNS: &str = "frame, x_m, y_m, diameter_m (or x_mm, y_mm, diameter_mm), mass_kg and loss";
 
 impl Presses {
-    /// Reads a table. Lengths are in m or mm, as the names of their columns say; `mass_kg` and `loss` may be missing,
-    /// or blank where they are not known.
+    /// Reads a table. Lengths are in m or mm, depending on the names of their columns. `mass_kg` and `loss` may be
+    /// missing, or blank if they are not known.
     ///
     /// # Errors
     /// File, line, column and value of the first fault.
@@ -59,7 +59,7 @@ impl Presses {
                 )
             })
         };
-        // a column of lengths, and its unit in m
+        // a column of lengths, with the factor from its unit to m
         let length = |name: &str| match column(&format!("{name}_mm")) {
             Some(column) => Ok((column, 1e-3)),
             None => needed(&format!("{name}_m")).map(|column| (column, 1.0)),
@@ -99,19 +99,19 @@ impl Presses {
         })
     }
 
-    /// A failure of one press.
+    /// An error about one press, with file and line.
     pub(crate) fn wrong(&self, press: &Press, why: &str) -> Failure {
         Failure::because(format!("{}:{}: {why}", self.file.display(), press.line))
     }
 
-    /// The row of a press among the frames: that with its label, otherwise with its number.
+    /// The row of a press among the frames: that of the frame with its label, otherwise with its number.
     ///
     /// # Errors
-    /// No such frame; the message says which there are.
+    /// No such frame; the message lists the existing ones.
     pub(crate) fn row(&self, press: &Press, table: &FrameTable) -> Result<usize, Failure> {
         let (frames, numbers) = (&table.frames, &table.numbers);
         let labelled = frames.iter().position(|(label, _)| *label == press.frame);
-        // spreadsheets write 3.0
+        // spreadsheets write whole numbers as 3.0
         let number: Option<f64> = press.frame.parse().ok();
         let numbered = || numbers.iter().position(|own| Some(*own as f64) == number);
         labelled.or_else(numbered).ok_or_else(|| {

@@ -20,10 +20,11 @@ use crate::args::ReconstructOptions;
 use crate::geometry;
 use crate::output::print_line;
 
-/// Writes a row for each frame of the file. A frame without a map is named, and the command fails when the others are written.
+/// Writes a map as a row for each frame. Frames without a map are named; the command fails after the others are
+/// written.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let case = geometry::with_depth(geometry::read(&options.case)?, &options.depth)?;
-    // a device or a pipe has no companion files
+    // no companion file can be written next to a device or a pipe
     let beside = (!outfile::is_stream(&options.out)).then(|| MapCompanions::of(&options.out));
     if options.sd && beside.is_none() {
         return Err(Failure::usage(
@@ -42,7 +43,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             "--drift frame is for frames whose baseline is not tracked; omit it or --tracked",
         ));
     }
-    // the drift of a sheet is that of readings at one current
+    // the model of drift is for readings at one current
     let of_drift = [
         ("--tracked", options.tracked.tracked == Some(true)),
         ("--drift frame", options.method.removes_drift()),
@@ -94,7 +95,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                         "--sd needs a case whose sheet explains the baseline; the note above states why this one does not",
                     ));
                 }
-                // its map is written all the same
+                // the map itself is still written
                 Err(why) => {
                     eprintln!(
                         "tactus-lab: frame '{name}': no standard deviation is known: {}",
@@ -206,11 +207,11 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         .map_or(Ok(()), |text| Err(Failure::because(text)))
 }
 
-/// What was made of a frame.
+/// The results for a frame.
 struct Made {
     map: Map,
     pressure: Option<Pressure>,
-    /// ms.
+    /// Time of the reconstruction, ms.
     time: f64,
     deviation: Option<Vec<f64>>,
 }
@@ -225,7 +226,7 @@ fn frames(options: &ReconstructOptions, readings: usize) -> Result<FrameTable, F
     geometry::frames(&options.case, &table, readings)
 }
 
-/// The frames with the baseline that is followed through them; `None` where that is not asked for.
+/// The frames with the tracked baseline of each; `None` if tracking is not requested.
 fn follow(
     options: &ReconstructOptions,
     case: &Case,

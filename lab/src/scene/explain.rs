@@ -10,21 +10,21 @@ use crate::args::ExplainOptions;
 use crate::output::print_line;
 use studies::Failure;
 
-/// An effect is negligible if it is below this share of the noise
+/// An effect is negligible if it is below this share of the noise and below [`OF_SIGNAL`] of the signal.
 const OF_NOISE: f64 = 0.1;
-/// and below this share of the load's signal.
+/// Largest share of the load's signal of a negligible effect.
 const OF_SIGNAL: f64 = 1e-3;
 
 /// Assessment of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum EffectStatus {
-    /// Named, and it matters; or neither.
+    /// Named in the scene and significant, or neither.
     Fine,
-    /// Not named, but it matters.
+    /// Not named, but significant.
     Missing,
-    /// Not named, and it would matter if it occurred.
+    /// Not named, and significant if it occurred.
     Fault,
-    /// Named, and it does not matter.
+    /// Named, but not significant.
     Negligible,
 }
 
@@ -85,7 +85,7 @@ impl TimedEntry {
     }
 }
 
-/// The scene's loads and faults in the order of its text.
+/// The scene's loads and faults, in the order of the scene file.
 struct TimeLine {
     loads: Vec<TimedEntry>,
     faults: Vec<TimedEntry>,
@@ -108,7 +108,7 @@ impl TimeLine {
         }
     }
 
-    /// As text; ends in an empty line unless empty.
+    /// The time line as text; unless empty, it ends with an empty line.
     fn lines(&self) -> Vec<String> {
         let loads = self.loads.iter().map(|load| load.line("load"));
         let faults = self.faults.iter().map(|fault| fault.line("fault"));
@@ -246,7 +246,7 @@ fn row(prediction: &Prediction, verdict: EffectStatus, noise: f64, signal: Optio
     line.trim_end().to_owned()
 }
 
-/// What the table of effects is divided into, the largest effect of each first.
+/// Groups of the table of effects; each lists its largest effect first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Group {
     Named,

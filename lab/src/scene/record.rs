@@ -1,4 +1,4 @@
-//! Writes frames of a scene as a session of the logbook, like the daemon's.
+//! Writes frames of a scene as a session of the logbook, in the daemon's format.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use survey::{Baseline, Frame, Precautions, Reading, Settings, Volts};
 
 use studies::Failure;
 
-/// Frames per write to disk.
+/// Number of frames that are written to disk together.
 const TOGETHER: usize = 64;
 
 /// A session that is being written.
@@ -29,8 +29,7 @@ fn failed(fault: &LogbookError) -> Failure {
 
 impl Session {
     /// Creates a session named after the scene and its seed. Its time line begins with the year 2000: no clock is read,
-    /// so that equal scenes give equal records. `config_toml`: the configuration to store
-    /// with it.
+    /// so that equal scenes give equal records. `config_toml`: the configuration to store with it.
     pub(super) fn create(
         folder: &Path,
         scene: &Scene,
@@ -80,7 +79,7 @@ impl Session {
         })
     }
 
-    /// Adds a frame; the first is the baseline.
+    /// Adds a frame. The first one is the baseline.
     pub(super) fn put(&mut self, begin: Duration, readings: &[Volts]) -> Result<(), Failure> {
         let wall = self.started + TimeDelta::from_std(begin).unwrap_or(TimeDelta::MAX);
         let frame = Frame {

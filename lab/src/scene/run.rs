@@ -43,7 +43,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         Some(out) => {
             case.write(out, existing)
                 .map_err(|fault| Failure::of("cannot write the case", &fault))?;
-            // the places of a set that is replaced are not those of the scene
+            // an existing presses file belongs to the replaced set and not to this scene
             outfile::remove(&out.join(test_set::PRESSES), existing)?;
             let [frames, truth] =
                 ["frames.csv", "truth.csv"].map(|name| OutFile::create(&out.join(name), existing));
@@ -54,7 +54,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         None => None,
         Some(shelf) => Some(Session::create(shelf, phantom.scene(), &scan, config_toml)?),
     };
-    // The truth is computed when the loads change, and reused until then.
+    // the truth is computed when the loads change, and reused until then
     let mut known: Option<(Vec<Load>, String)> = None;
     let bar = progress::bar(scan.frames, "frames");
     for frame in 0..scan.frames {
@@ -122,7 +122,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The sheet with a mesh for the reconstruction, which is never the phantom's own.
+/// The preset of the sheet with the mesh for the reconstruction, which always differs from the phantom's mesh.
 fn preset(sheet: &Preset) -> Preset {
     match sheet.clone() {
         Preset::PaperSheet(sheet) => Preset::PaperSheet(eit::PaperSheet {

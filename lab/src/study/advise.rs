@@ -1,4 +1,4 @@
-//! `tactus-lab advise`: settings from the table of `tradeoff`, starting from the configuration that is there.
+//! `tactus-lab advise`: recommends settings from the table of `tradeoff`, starting from an existing configuration.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::args::AdviseOptions;
 use crate::daemon_config;
 use crate::output::print_line;
 
-/// The modules of the table, and the wiring of each.
+/// The modules in the table: wiring, its name in the configuration, and module.
 const MODULES: [(WiringKind, &str, &str); 5] = [
     (WiringKind::Pairs34924a, "pairs-34924a", "34924A"),
     (WiringKind::Pairs34922a, "pairs-34922a", "34922A"),
@@ -21,10 +21,10 @@ const MODULES: [(WiringKind, &str, &str); 5] = [
     (WiringKind::Matrix34934a, "matrix-34934a", "34934A"),
 ];
 
-/// Electrodes of the sheet, where a configuration does not say how many.
+/// Default number of electrodes, if the configuration does not state it.
 const ELECTRODES: usize = 26;
 
-/// Prints the setting, its cost and the lines of the configuration that make it.
+/// Prints the setting, its cost and the configuration lines for it.
 pub(crate) fn advise(options: &AdviseOptions) -> Result<(), Failure> {
     let found = read(options)?;
     let config = found.as_ref().map(|(_, config)| config);
@@ -50,7 +50,8 @@ pub(crate) fn advise(options: &AdviseOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The configuration that is named, else the one in this folder, else the service's.
+/// Reads the configuration that the options name, otherwise that of this folder, otherwise the service's; `None` if
+/// there is none.
 fn read(options: &AdviseOptions) -> Result<Option<(PathBuf, Config)>, Failure> {
     let usual = ["config.toml", "/etc/tactus/config.toml"].map(Path::new);
     let Some(path) = options
@@ -63,7 +64,7 @@ fn read(options: &AdviseOptions) -> Result<Option<(PathBuf, Config)>, Failure> {
     Ok(Some((path.to_owned(), daemon_config::read(path)?)))
 }
 
-/// What the options say, else what the configuration says.
+/// The request: values from the options, otherwise from the configuration.
 fn request(options: &AdviseOptions, config: Option<&Config>) -> Result<diagrams::Request, Failure> {
     let module = match (&options.module, config) {
         (Some(module), _) => Some(module.clone()),
@@ -102,7 +103,7 @@ fn electrodes(config: &Config) -> usize {
         .unwrap_or(ELECTRODES)
 }
 
-/// Lines of a configuration that make this setting, as TOML.
+/// The lines of `config.toml` for this setting.
 fn lines(point: &Point, config: Option<&Config>) -> String {
     let also = |name: &str| point.also.get(name).copied().unwrap_or(f64::NAN);
     let count = also("electrodes");
@@ -140,7 +141,7 @@ fn lines(point: &Point, config: Option<&Config>) -> String {
     text
 }
 
-/// Lines of the geometry with another number of electrodes; a comment for a case folder, which has its own.
+/// The lines of the geometry for another number of electrodes; a TOML comment if no preset with this number is known.
 fn geometry(config: &Config, count: f64) -> String {
     let ring = diagrams::ring(count as usize);
     match (&config.geometry.case, config.geometry.preset, ring) {

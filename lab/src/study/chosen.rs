@@ -54,7 +54,7 @@ pub(super) fn methods(options: &EvaluateOptions) -> Vec<Method> {
     methods.chain(options.model.iter().map(model)).collect()
 }
 
-/// The standard sets: loads, noise of one reading (V), name.
+/// The standard sets: loads, standard deviation of one reading (V), name.
 const STANDARD: [(TestSetName, f64, &str); 4] = [
     (TestSetName::Presses10, 2e-6, "presses-10"),
     (TestSetName::Presses30, 2e-6, "presses-30"),
@@ -62,8 +62,8 @@ const STANDARD: [(TestSetName, f64, &str); 4] = [
     (TestSetName::Polygons, 396e-6, "polygons-396uV"),
 ];
 
-/// Test sets of the command line, or the standard ones, which are made when they are used, in a new temporary folder that
-/// is removed afterwards.
+/// Test sets of the command line, or the standard sets. These are made at their first use, in a new temporary folder
+/// that is removed afterwards.
 pub(super) enum Sets<'a> {
     Named(&'a [PathBuf]),
     Standard {
@@ -92,7 +92,7 @@ impl<'a> Sets<'a> {
         }
     }
 
-    /// For people.
+    /// Name of a set for messages and tables.
     pub(super) fn name(&self, set: usize) -> String {
         match self {
             Self::Named(folders) => folders[set]
@@ -104,7 +104,7 @@ impl<'a> Sets<'a> {
         }
     }
 
-    /// The folder of a set, with its files.
+    /// The folder of a set; makes a standard set at its first use.
     pub(super) fn folder(&self, set: usize) -> Result<PathBuf, Failure> {
         match self {
             Self::Named(folders) => Ok(folders[set].clone()),
@@ -133,7 +133,7 @@ impl<'a> Sets<'a> {
         }
     }
 
-    /// What determines the content of the sets.
+    /// Everything that determines the content of the sets.
     fn described(&self) -> Result<serde_json::Value, Failure> {
         match self {
             Self::Named(folders) => folders
@@ -147,7 +147,8 @@ impl<'a> Sets<'a> {
     }
 }
 
-/// The temporary folder, which the first call makes; never one that exists: it could have the sets of a process that was killed.
+/// The temporary folder, created by the first call. It is always a new one, because an existing folder could contain
+/// the sets of a killed process.
 fn made(folder: &OnceCell<TempDir>) -> Result<&Path, Failure> {
     if let Some(folder) = folder.get() {
         return Ok(folder.path());
@@ -159,8 +160,8 @@ fn made(folder: &OnceCell<TempDir>) -> Result<&Path, Failure> {
     Ok(folder.get_or_init(|| new).path())
 }
 
-/// What determines the results, for the header of a shard: the content of files, not their places, which may differ
-/// between machines.
+/// Everything that determines the results, for the header of a shard: the content of files, and not their paths, which
+/// may differ between machines.
 pub(super) fn settings(
     options: &EvaluateOptions,
     sets: &Sets<'_>,
@@ -182,7 +183,7 @@ fn read(file: &Path) -> Result<Vec<u8>, Failure> {
     std::fs::read(file).map_err(|cause| Failure::of(&format!("{}", file.display()), &cause))
 }
 
-/// Hash of the files of a folder.
+/// Hash of the names and contents of the files of a folder.
 fn content(folder: &Path) -> Result<String, Failure> {
     let failed = |cause: std::io::Error| Failure::of(&format!("{}", folder.display()), &cause);
     let mut lines = Vec::new();

@@ -1,4 +1,4 @@
-//! Studies in shards: options to work, and what is printed when there is no report.
+//! Studies in shards: converts the options, and prints the outcome if there is no report.
 
 use shards::{Division, Outcome, StopRequest, missing_list};
 use studies::Failure;
@@ -7,7 +7,7 @@ use crate::args::StudyShards;
 use crate::learning::stop_request;
 use crate::output::print_line;
 
-/// What a command does of its study; a shard ends after the item in work when SIGTERM comes.
+/// The division of a study, and a request to stop: after SIGTERM a shard ends when the current item is complete.
 pub(super) fn divided(options: &StudyShards) -> Result<(Division, StopRequest), Failure> {
     let division = options.division();
     let stop = match division {
@@ -17,7 +17,7 @@ pub(super) fn divided(options: &StudyShards) -> Result<(Division, StopRequest), 
     Ok((division, stop))
 }
 
-/// The result of all items; prints what was done instead, if there is none.
+/// The report on all items; if there is none, prints what was done and returns `None`.
 pub(super) fn report_of<R>(outcome: Outcome<R>) -> Option<R> {
     match outcome {
         Outcome::All(report) => return Some(report),

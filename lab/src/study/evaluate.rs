@@ -1,4 +1,4 @@
-//! `tactus-lab judge` and `tactus-lab evaluate`: test sets, and a table of all methods on them.
+//! `tactus-lab judge` and `tactus-lab evaluate`: makes test sets, and compares all methods on them in a table.
 
 use eit::Preset;
 use imaging::PresetName;
@@ -33,7 +33,7 @@ pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
     };
     let (division, stop) = divided(&options.shards)?;
     let frames = report_of(test_set::frames(&set, &division, &stop)?);
-    // without a folder there is a shard or a list of missing ones
+    // without a folder the outcome is a shard or a list of missing shards
     let (Some(frames), Some(folder)) = (frames, &options.out) else {
         return Ok(());
     };
@@ -55,7 +55,7 @@ const PAPER: [(&str, f64); 3] = [
     ("paper: RBF", 3.0),
 ];
 
-/// What the columns mean, with their best value.
+/// Explanation of the columns, with the best value of each.
 const LEGEND: &str = "\
 mean mm, worst  distance from the true place to the found one, mean and largest, mm (0)
 corr            correlation of the map with the truth, weighed by area (1)
@@ -77,8 +77,8 @@ struct Line {
     novel_share: Option<f64>,
 }
 
-/// Evaluates methods and prints the table; without sets, makes the standard ones first. A method on a set is an item of
-/// work in shards.
+/// Evaluates methods and prints the table; without sets, makes the standard sets first. In shards, an item of work is
+/// one method on one set.
 pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     let methods = methods(options);
     let sets = Sets::of(options);
@@ -161,7 +161,7 @@ fn print_heading() {
     );
 }
 
-/// Prints one line; noise figure and share of novel frames belong to the method, not to its maps.
+/// Prints one line. Noise figure and share of novel frames are properties of the method, not of its maps.
 fn show(line: &Line, json: bool) {
     let Line {
         figures,

@@ -1,4 +1,4 @@
-//! Commands of the studies: convert options to settings of `studies`, print results.
+//! Commands of the studies: convert options to settings of `studies`, and print results.
 
 mod advise;
 mod chosen;
@@ -154,7 +154,7 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
     }
 }
 
-/// Refuses what is stated of a part of the study that is left out.
+/// Refuses options for a part of the study that is left out.
 fn check_months(
     options: &MonthsOptions,
     sheets: usize,
@@ -197,7 +197,7 @@ fn check_months(
     }
 }
 
-/// What an option states, else the usual amount; in a quick run at most that of `quick`.
+/// The stated amount, otherwise the usual one; in a quick run at most `quick`, which then is also the default.
 fn amount<T: Copy + PartialOrd + std::fmt::Display>(
     option: &str,
     stated: Option<T>,
@@ -212,7 +212,7 @@ fn amount<T: Copy + PartialOrd + std::fmt::Display>(
     }
 }
 
-/// What was chosen, or if nothing was, the default.
+/// The chosen values, or the default if none were chosen.
 fn chosen_or<T: Clone>(chosen: &[T], default: &[T]) -> Vec<T> {
     match chosen.is_empty() {
         true => default.to_vec(),
@@ -220,7 +220,7 @@ fn chosen_or<T: Clone>(chosen: &[T], default: &[T]) -> Vec<T> {
     }
 }
 
-/// Prints the tables of a study, with `json` as one object for each row.
+/// Prints the tables of a study; with `json` an object for each row.
 fn print_tables(
     json: bool,
     lines: impl FnOnce() -> Vec<serde_json::Value>,

@@ -129,7 +129,7 @@ fn a_small_network_is_trained_kept_and_used() {
         "{message}"
     );
 
-    // a truncated file, and one of another format
+    // a truncated file, and a file of another format
     let whole = std::fs::read(path("a.safetensors")).unwrap();
     std::fs::write(path("cut.safetensors"), &whole[..whole.len() / 2]).unwrap();
     for (model, word) in [
@@ -305,7 +305,7 @@ fn with_json_errors_are_objects() {
     }
 }
 
-/// Frames without noise, and an implausibly small noise: a good map for any stated noise.
+/// Frames without noise have good maps for any stated noise, even an implausibly small one.
 #[test]
 fn frames_without_noise_make_good_maps() {
     let case = needs::case("disc16");
@@ -348,7 +348,7 @@ fn frames_without_noise_make_good_maps() {
             let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
             let likeness = dot(map, &truth) / (dot(map, map) * dot(&truth, &truth)).sqrt();
             println!("{noise}: {likeness:.3}");
-            // linear maps reach less for a strong load, because they allow for their own error; shapes reach 0.95
+            // linear maps allow for their own error and so reach less of a strong load; shapes reach 0.95
             let least = if noise == " --noise-v 1e-8" {
                 0.95
             } else {
@@ -373,7 +373,7 @@ fn output_without_a_reader_ends_no_command() {
     assert!(output.status.success() && message.is_empty(), "{message}");
 }
 
-/// A sheet that conducts 3 % more than at its baseline, and nothing else: its map shows that unless drift is removed.
+/// A sheet that conducts 3 % more than at its baseline, without a load: its map shows that unless drift is removed.
 #[test]
 fn drift_of_a_frame_is_removed_and_deviation_written() {
     let folder = tempfile::tempdir().unwrap();
@@ -458,7 +458,7 @@ fn a_frame_without_a_map_does_not_end_the_others() {
         lines[1]
     );
     assert_eq!(lines[2]["no_map"], serde_json::Value::Null);
-    // as `tactus replay`
+    // the same keys as of `tactus replay`
     assert_eq!(lines[2]["significant"], true);
     assert!(lines[2]["noise"].as_f64().unwrap() > 0.0, "{}", lines[2]);
     let missing = |row: &Vec<f64>| row.iter().all(|value| value.is_nan());
@@ -470,7 +470,7 @@ fn a_frame_without_a_map_does_not_end_the_others() {
     assert_eq!(columns, [14; 4], "{rows}");
     assert!(rows.contains("\n8,f8,,,,,,,,,,,none,"), "{rows}");
 
-    // where no frame has a map, nothing is written
+    // if no frame has a map, no file is written
     std::fs::write(path("none.csv"), format!("frame{heading}\nf8{nothing}\n")).unwrap();
     let line = "reconstruct --case {} --frames none.csv --baseline {} --out {}";
     std::fs::rename(path("none.csv"), tank.join("none.csv")).unwrap();

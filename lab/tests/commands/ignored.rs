@@ -99,7 +99,7 @@ fn cases_are_refused_where_nothing_is_trained() {
             "--cases 100",
             "--cases 100 belongs to the methods that are trained",
         ),
-        // with no case at all a map would show nothing, whatever lies on the sheet
+        // a map that was trained on no case would show nothing for any load
         ("--method linear --cases 0", "from 1 to 10000000"),
     ] {
         let line = format!("reconstruct --case {{}} --frames {{}} --out {{}} {method}");
@@ -119,7 +119,7 @@ fn extent_of_images_needs_their_true_places() {
     assert!(message.contains("targets.csv"), "{message}");
     std::fs::write(path("targets.csv"), "image,x,y\none,0.5,0.5\n").unwrap();
     done(&words(line, &[folder.path()]));
-    // a first line with a typing error does not count as a header
+    // a first line with a typing error is not taken for a header
     for slip in ["one,0.5,O.5\n", "one,nan,0.5\n"] {
         std::fs::write(path("targets.csv"), slip).unwrap();
         let output = lab(&words("merit --images {}", &[folder.path()]));

@@ -24,7 +24,7 @@ fn images_get_their_figures_with_all_digits() {
         ("position_error", 0.5),
         ("resolution", (2.0_f64 / 7.0).sqrt()),
         ("ringing", 0.2),
-        // q: two pixels a distance 1 apart, r^2 = 8 / 9 / pi > 1/4
+        // q, the pixels from a quarter of the largest value, has two at a distance of 1; r^2 = 8 / 9 / pi > 1/4
         ("shape_deformation", 0.0),
     ] {
         assert!(

@@ -1,4 +1,4 @@
-//! Trainings that are killed, or whose disk is full, resume and end with the same bits.
+//! Trainings that are killed, or whose disk is full, resume and give the same bits.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -56,7 +56,7 @@ fn killed_training_on_full_disk_resumes_to_the_same_bits() {
     assert!(!broken.exists(), "it was killed before it ended");
     let checkpoint = broken.with_extension("checkpoint");
     let kept = std::fs::read(&checkpoint).unwrap();
-    // no space for the next checkpoint: an error, and the last one is kept
+    // no space for the next checkpoint: the training fails, and the last checkpoint is kept
     let blocks = u32::try_from(kept.len() / 1024 / 2).unwrap();
     let message = words_of(&with_little_space(blocks, TRAIN, &[&case, &broken]));
     for word in [
@@ -86,7 +86,7 @@ fn data_set_on_a_full_disk_continues_with_space() {
     let line = "dataset --seed 3 --cases 300 --case {} --out {}";
     done(&words(line, &[&case, &whole]));
     let bytes = std::fs::read(whole.join("shard-0-of-1.tset")).unwrap();
-    // a shell counts in blocks of 512 or of 1024 bytes
+    // the unit of `ulimit -f` is 512 or 1024 bytes, depending on the shell
     let blocks = u32::try_from(bytes.len() / 1024 * 3 / 4).unwrap();
     let message = words_of(&with_little_space(blocks, line, &[&case, &broken]));
     for word in ["shard-0-of-1.part", "free space", "same command"] {

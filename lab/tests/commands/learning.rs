@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::program::{done, lab, numbers, words};
 use sha2::{Digest, Sha256};
 
-/// A very short deep training. Like the others in these tests it is too short to learn anything, hence --yes.
+/// A very short deep training. Like the other trainings of these tests it is too short to learn anything, hence --yes.
 const SMALL_DEEP: &str = "train dnn --yes --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";
 
 fn tank(folder: &Path) -> PathBuf {
@@ -53,7 +53,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         "the missing shard is named: {message}"
     );
     make("1/2", &parts);
-    // the last third without the middle one: the error names the gap
+    // two of three shards: the error names the missing middle one
     let thirds = folder.path().join("thirds");
     make("0/3", &thirds);
     make("2/3", &thirds);
@@ -190,7 +190,7 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
         cut += usize::from(cut_to != whole);
     }
     assert!(cut > 10, "{cut}");
-    // 8 electrodes and 720 cases give .62; a map of the wrong sign, scale or order of readings gives a negative value
+    // 8 electrodes and 720 cases give 0.62; a map of the wrong sign, scale or order of readings gives a negative value
     assert!(like.correlation > 0.5, "{like:?}");
 }
 
@@ -217,7 +217,7 @@ fn every_kind_trains_on_levels_and_on_measured_noise() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank(folder.path());
     let model = folder.path().join("model.safetensors");
-    // frames of the unloaded tank, more of them than readings
+    // frames of the unloaded tank, more than readings
     let readings = eit::Case::read(&case).unwrap().protocol.len();
     let frames = folder.path().join("unloaded.csv");
     let row = |frame: usize| -> String {
@@ -259,7 +259,7 @@ fn every_kind_trains_through_the_mirrors_of_a_sheet() {
                 .or_else(|| report["unchanged"].as_u64())
                 .unwrap()
         };
-        // the paper's sheet has two mirrors and the half turn
+        // the paper's sheet has two mirror symmetries and the half turn
         assert_eq!(
             count("--symmetric --out {}"),
             4 * count("--out {}"),

@@ -50,7 +50,7 @@ fn refused(line: &str, paths: &[&Path]) -> String {
     message
 }
 
-/// Gives the last reading of a case another current than the others have.
+/// Gives the last reading of a case another current than that of the others.
 fn put_another_current(case: &Path) {
     let protocol = case.join("protocol.csv");
     let text = std::fs::read_to_string(&protocol).unwrap();

@@ -1,4 +1,4 @@
-//! From relative loss to kPa: fitted to presses of known mass, tested on others.
+//! Calibration from relative loss to kPa: fitted to presses of known mass, tested on others.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -211,7 +211,7 @@ fn sets_of_one_spray_seed_have_one_sheet() {
         );
         done(lab(&words.split(' ').collect::<Vec<_>>(), at));
         let read = |name: &str| std::fs::read_to_string(at.join("set").join(name)).unwrap();
-        // after the heading
+        // without the header line
         let frames = read("frames.csv");
         (
             frames.lines().nth(1).unwrap().to_owned(),

@@ -21,7 +21,7 @@ fn refused(line: &str, paths: &[&Path]) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Distances between the places that maps show and the presses, mm, sorted.
+/// Distances between the positions found in maps and the presses, mm, sorted.
 fn errors_mm(case: &Path, presses: &Path, maps: &Path) -> Vec<f64> {
     let mesh = eit::Case::read(case).unwrap().mesh;
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
@@ -184,7 +184,7 @@ fn recorded_presses_that_cannot_be_used_are_named() {
             ],
         ),
         (
-            // a valid label, and a frame number that is not whole
+            // a valid label, and a frame number that is not an integer
             format!("{metres}r4,0.02,0.03,0.01\n2.5,0.02,0.03,0.01\n"),
             vec!["presses.csv:3", "frame 2.5 does not exist"],
         ),
@@ -205,7 +205,7 @@ fn recorded_presses_that_cannot_be_used_are_named() {
             vec!["presses.csv:2", "mass_kg is 0"],
         ),
         (
-            // blank is not known
+            // a blank field is an unknown value
             "frame,x_m,y_m,diameter_m,mass_kg\n2,0.02,0.03,0.01,1\n3,-0.04,0.01,0.01,\n".to_owned(),
             vec!["presses.csv:3", "neither mass_kg nor loss"],
         ),

@@ -63,8 +63,8 @@ fn kuopio_tank(first_deg: f64, case: &Path) -> Arc<Mesh> {
     tank(&settings, case)
 }
 
-/// Compared values: relative changes; changes of ln sigma; changes of ln sigma, with those below a tenth of the largest
-/// set to zero.
+/// The compared values: relative changes; changes of ln sigma; or changes of ln sigma, with those below a tenth of the
+/// largest set to zero.
 #[derive(Debug, Clone, Copy)]
 enum Shown {
     Relative,
@@ -167,7 +167,8 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
     }
 }
 
-/// Distances between the balls found and their places (m) for the three states with balls, in the order of `BALLS`.
+/// Distances (m) between the found and the true positions of the balls for the three states with balls, in the order of
+/// `BALLS`.
 fn ball_errors(mesh: &Mesh, maps: &[Vec<f64>]) -> Vec<f64> {
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
     BALLS
@@ -187,7 +188,7 @@ fn ball_errors(mesh: &Mesh, maps: &[Vec<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// Frame, place of a ball, and place of the other ball in the same frame, m (truth.csv).
+/// Frame, position of a ball, and position of the other ball in the same frame, m (truth.csv).
 type Ball = (usize, [f64; 2], Option<[f64; 2]>);
 const BALLS: [Ball; 4] = [
     (1, [0.0, 0.0], None),
@@ -223,7 +224,7 @@ fn ottawa_balls_are_nearer_to_their_places_with_the_depth() {
     let depth =
         " --depth-mm 260 --electrode-height-mm 10 --electrode-centre-mm 130 --target-height-mm 40";
     // Largest error of a ball, m. The goal of 0.01 is missed for the second of two balls at (7, 0) cm, and, with a
-    // lambda for each frame and the exponent 0.25, for the ball in the middle, whose frame no map explains.
+    // lambda for each frame and the exponent 0.25, for the ball in the middle: no map explains its frame.
     for (how, worst) in [
         ("--method one-step --prior noser --lambda 1", 0.01),
         ("--method one-step --prior noser", 0.0125),

@@ -70,7 +70,7 @@ fn explain_lists_every_effect_and_marks_those_that_matter() {
             .unwrap()
             .contains(&"leakage".into())
     );
-    // 50 pA through a kilohm are 50 nV.
+    // 50 pA through a kilohm give 50 nV
     assert_eq!(of("bias-current")["verdict"], "");
     let text = printed("scene explain effect-output-resistance --nplc 0.02");
     let row = text
@@ -100,7 +100,7 @@ fn explain_lists_every_effect_and_marks_those_that_matter() {
             .collect();
         assert!(sizes.is_sorted_by(|a, b| a >= b), "{sizes:?}");
     }
-    // The noise is 1e-4 of the 1 V range.
+    // the noise is 1e-4 of the 1 V range
     assert!(
         text.contains("noise 1.0e-4 V a reading (the voltmeter's table)"),
         "{text}"
@@ -157,7 +157,7 @@ fn scene_run_writes_a_reproducible_case_folder_with_truth() {
     assert!(frames.iter().all(|frame| frame.len() == 598));
     let truth = numbers(&one.join("truth.csv"));
     let lost = |row: &[f64]| row.iter().filter(|change| **change < 0.0).count();
-    // Frames at 36, 66 and 96 s: only the second is taken during the press, which begins at 60 s.
+    // frames at 36, 66 and 96 s: only the second is taken during the press, which begins at 60 s
     let pressed: Vec<bool> = truth.iter().map(|row| lost(row) > 0).collect();
     assert_eq!(pressed, [false, true, false]);
     let maps = folder.path().join("maps.csv");
@@ -191,7 +191,7 @@ fn a_run_is_a_session_of_the_logbook() {
     let baseline = session.baseline().unwrap().unwrap();
     assert_eq!(volts(&baseline.readings), frames[0]);
     assert_eq!(volts(&session.frame(2).unwrap().frame.readings), frames[2]);
-    // A second session of the same name is refused, and the first is not overwritten.
+    // a second session of the same name is refused, and the first is not overwritten
     let again = lab(&words(
         "scene run paper-test1 --frames 2 --logbook {}",
         &[folder.path()],

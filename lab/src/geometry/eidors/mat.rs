@@ -1,5 +1,6 @@
-//! Reads MATLAB's MAT-files of version 5 (saved by `-v6`, `-v7`): numbers, text, cells, structures, sparse matrices, of either
-//! byte order. What has another class (function handles, objects) is skipped. The layout is that of MathWorks' "MAT-File Format".
+//! Reads MATLAB's MAT-files of version 5 (saved by `-v6`, `-v7`) in either byte order: numbers, text, cells,
+//! structures, sparse matrices. Variables of other classes (function handles, objects) are skipped. The layout is
+//! described in MathWorks' "MAT-File Format".
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -13,34 +14,35 @@ mod element {
     pub(super) const COMPRESSED: u32 = 15;
 }
 
-/// Bytes of a file before its first variable.
+/// Bytes before the first variable of a file.
 const HEAD: usize = 128;
 /// Most bytes of an inflated variable: the format counts in 31 bits.
 const MOST_BYTES: u64 = 1 << 31;
-/// Most places of a sparse matrix: the patterns of a thousand electrodes.
+/// Most entries of a sparse matrix as a full one: the patterns of a thousand electrodes.
 const MOST_SPARSE: usize = 1 << 24;
-/// Structures in structures; more than any program writes.
+/// Most levels of nested structures; no program writes more.
 const DEEPEST: usize = 64;
 
 /// A variable, or a field of one.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Value {
-    /// Real numbers or truth values, column after column; of more than two dimensions, those after the first are one.
+    /// Real numbers or truth values, column after column. With more than two dimensions, all but the first are combined
+    /// to one.
     Numbers {
         rows: usize,
         columns: usize,
         values: Vec<f64>,
     },
     Text(String),
-    /// An array of structures: a value for each field of each.
+    /// An array of structures: a map from field to value for each.
     Structs(Vec<BTreeMap<String, Value>>),
     Cells(Vec<Value>),
-    /// What this reader does not read, in words.
+    /// The class of a value that this reader does not support, in words.
     Other(&'static str),
 }
 
 impl Value {
-    /// What it is, in words.
+    /// Class of the value, in words.
     pub(super) fn kind(&self) -> String {
         match self {
             Self::Numbers { rows, columns, .. } => format!("a matrix of {rows} x {columns}"),
@@ -112,7 +114,7 @@ fn inflated(deflated: &[u8]) -> Result<Vec<u8>, MatError> {
     Ok(bytes)
 }
 
-/// Elements, one after the other.
+/// Reads elements one after the other.
 struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -133,7 +135,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Type and content of the next element; at most four bytes can lie in its tag.
+    /// Type and content of the next element; a content of at most four bytes can be in the tag.
     fn element(&mut self) -> Result<(u32, &'a [u8]), MatError> {
         let tag = self.word(self.at)?;
         let (kind, length, begin) = match tag >> 16 {
@@ -151,7 +153,7 @@ impl<'a> Reader<'a> {
         Ok((kind, content))
     }
 
-    /// Numbers of any type.
+    /// Numbers of any numeric type.
     fn numbers(&mut self) -> Result<Vec<f64>, MatError> {
         let (kind, bytes) = self.element()?;
         macro_rules! read {
@@ -199,7 +201,7 @@ impl<'a> Reader<'a> {
         Ok(String::from_utf16_lossy(&units))
     }
 
-    /// Name and value of an array with its tag.
+    /// Name and value of an array, including its tag.
     fn matrix(&mut self, depth: usize) -> Result<(String, Value), MatError> {
         let (kind, bytes) = self.element()?;
         if kind != element::MATRIX {
@@ -213,9 +215,9 @@ impl<'a> Reader<'a> {
         inner.array(depth)
     }
 
-    /// Name and value of an array.
+    /// Name and value of an array, after its tag.
     fn array(&mut self, depth: usize) -> Result<(String, Value), MatError> {
-        // MATLAB writes nothing at all for a field without a value
+        // for a field without a value MATLAB writes no bytes
         if self.bytes.is_empty() {
             let (rows, columns, values) = (0, 0, Vec::new());
             return Ok((
@@ -310,7 +312,7 @@ impl<'a> Reader<'a> {
         Ok(Value::Structs(structs))
     }
 
-    /// A sparse matrix, as a full one.
+    /// A sparse matrix, expanded to a full one.
     fn sparse(&mut self, rows: usize, columns: usize) -> Result<Value, MatError> {
         let (places, begins, entries) = (self.indices()?, self.indices()?, self.numbers()?);
         let whole = begins.is_sorted()

@@ -1,9 +1,9 @@
-//! A forward model of EIDORS with its voltages, from a MAT-file, as a case with frames.
+//! Reads a forward model of EIDORS with its voltages from a MAT-file, as a case with frames.
 //!
-//! `fmdl`: nodes (m), elems (triangles), electrode (nodes, z_contact in ohm m) and stimulation (stim_pattern, meas_pattern), as
-//! `mk_stim_patterns` makes it. `vv`: voltages, a column a frame, or a structure with `meas`. Of the baseline `v_homogeneous` or `vh`;
-//! of the unloaded conductance `conductance`. Numbers of nodes, which EIDORS counts from 1, count from 0 here. The same is read in Python
-//! by `tactus_eit.eidors`, which gets the structures of other readers.
+//! `fmdl`: nodes (m), elems (triangles), electrode (nodes, z_contact in ohm m) and stimulation (stim_pattern,
+//! meas_pattern), as `mk_stim_patterns` makes it. `vv`: voltages, a column a frame, or a structure with `meas`.
+//! Baseline: `v_homogeneous` or `vh`. Unloaded conductance: `conductance`. EIDORS counts nodes from 1, this crate
+//! counts them from 0. `tactus_eit.eidors` reads the same variables in Python, from the structures of other readers.
 
 mod mat;
 #[cfg(test)]
@@ -22,10 +22,10 @@ use mat::Value;
 
 type Fields = BTreeMap<String, Value>;
 
-/// Currents and gains that differ by less are equal but for rounding.
+/// Largest relative difference of currents and gains that is ascribed to rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Names of the frames and of the baseline, ours first.
+/// Variable names of the frames and of the baseline; the first existing one is used.
 const FRAMES: [&str; 2] = ["vv", "vi"];
 const BASELINES: [&str; 2] = ["v_homogeneous", "vh"];
 
@@ -35,13 +35,13 @@ pub(crate) fn is_mat(path: &Path) -> bool {
         .is_some_and(|ending| ending.eq_ignore_ascii_case("mat"))
 }
 
-/// The case of a MAT-file.
+/// Reads the case of a MAT-file.
 pub(crate) fn case(path: &Path) -> Result<Case, Failure> {
     let file = variables(path)?;
     of_model(&file).map_err(|why| refused(path, &why))
 }
 
-/// The frames of a MAT-file. `baseline`: in the place of the file's own one.
+/// Reads the frames of a MAT-file. `baseline`: replaces the file's own baseline.
 pub(crate) fn frames(
     path: &Path,
     baseline: Option<&BaselineRule>,
@@ -96,7 +96,7 @@ fn variables(path: &Path) -> Result<Fields, Failure> {
     mat::variables(&bytes).map_err(|fault| Failure::of(&path.display().to_string(), &fault))
 }
 
-/// Voltages, a frame a column; NaN where a reading is missing.
+/// Voltages, a frame a column; NaN in the file is a missing reading.
 fn voltages(
     file: &Fields,
     names: &[&str],
@@ -166,7 +166,7 @@ fn of_model(file: &Fields) -> Result<Case, String> {
         let area = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
         triangles.push(if area < 0.0 { [c, b, a] } else { [a, b, c] });
     }
-    // EIDORS keeps nodes of no triangle; they are left out, and the others keep their order
+    // EIDORS keeps nodes that belong to no triangle: they are left out, and the others keep their order
     let mut used = vec![false; nodes.len()];
     triangles
         .iter()
@@ -246,7 +246,7 @@ fn of_model(file: &Fields) -> Result<Case, String> {
     })
 }
 
-/// Edges of one triangle only, by their nodes.
+/// The edges that belong to one triangle only, each as two nodes.
 fn outline(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
     let mut edges = BTreeMap::new();
     for &[a, b, c] in triangles {
@@ -259,7 +259,7 @@ fn outline(triangles: &[[usize; 3]]) -> Vec<[usize; 2]> {
     single.flatten().collect()
 }
 
-/// The measurements with the current of each, A.
+/// The measurements, and the current of each, A.
 fn protocol(model: &Fields, electrodes: usize) -> Result<(Protocol, Vec<f64>), String> {
     let stimulations = structures(field(model, "stimulation", "fmdl")?, "fmdl.stimulation")?;
     let (mut measurements, mut currents) = (Vec::new(), Vec::new());
@@ -313,7 +313,7 @@ fn protocol(model: &Fields, electrodes: usize) -> Result<(Protocol, Vec<f64>), S
     Ok((protocol, currents))
 }
 
-/// Plus and minus of a pattern with two entries that cancel, and their size.
+/// Plus and minus of a pattern with two entries that cancel, and the absolute value of the entries.
 fn pair(pattern: &[f64], name: &str) -> Result<(Dipole, f64), String> {
     let entries: Vec<(usize, f64)> = pattern
         .iter()

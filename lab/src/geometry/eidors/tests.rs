@@ -60,7 +60,7 @@ impl Order {
 }
 
 fn example(order: Order) -> Vec<u8> {
-    // at most four bytes lie in the tag itself
+    // a content of at most four bytes is in the tag itself
     let small: Vec<u8> = match order.0 {
         false => vec![2, 0, 2, 0, 7, 9, 0, 0],
         true => vec![0, 2, 0, 2, 7, 9, 0, 0],
@@ -112,7 +112,7 @@ fn deflated_variables_are_read() {
     deflated.write_all(&matrix).unwrap();
     let deflated = deflated.finish().unwrap();
     let mut bytes = order.file(&[]);
-    // such an element is not padded
+    // a compressed element is not padded
     bytes.extend([order.word(15), order.word(deflated.len() as u32)].concat());
     bytes.extend(deflated);
     let file = variables(&bytes).unwrap();
@@ -156,7 +156,8 @@ fn structure(fields: &[(&str, Value)]) -> Fields {
         .collect()
 }
 
-/// A square of four triangles round a fifth node, one of them clockwise, with an electrode on each side. Node 1 is not used.
+/// A square of four triangles round a fifth node, one of them clockwise, with an electrode on each side. Node 1 is
+/// unused.
 fn model() -> Fields {
     let nodes = numbers(&[
         [9.0, 9.0],
@@ -173,7 +174,7 @@ fn model() -> Fields {
         [2.0, 5.0, 6.0],
     ]);
     let sides = [[2.0, 3.0], [3.0, 4.0], [4.0, 5.0], [5.0, 2.0]];
-    // electrodes must not share a node: two on opposite sides
+    // electrodes must not share a node: take two on opposite sides
     let electrodes = [sides[0], sides[2]].map(|side| {
         structure(&[
             ("nodes", numbers(&[side])),

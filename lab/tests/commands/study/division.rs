@@ -1,11 +1,11 @@
-//! Studies in shards: the merged result is that of one process, for any number of threads.
+//! Studies in shards: the merged result equals that of one process, for any number of threads.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
 use crate::program::{done, words};
 
-/// Runs the program with this number of threads.
+/// Runs the program with the given number of threads.
 fn with_threads(threads: &str, line: &str, paths: &[&Path]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
         .args(words(line, paths))
@@ -101,7 +101,7 @@ fn merged_test_set_equals_that_of_one_process() {
 fn merged_hard_cases_equal_those_of_one_process() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    // cases whose naive implementation is inaccurate, accurate, and failing
+    // cases whose naive implementation is inaccurate, accurate, or failing
     let line = "stability --only 8 --only 25 --only 30 --only 31 --only 33 --only 35 --only 40";
     for (threads, name) in [("1", "whole-1"), ("2", "whole-2"), ("8", "whole-8")] {
         let line = format!("{line} --out {{}}");
@@ -125,7 +125,7 @@ fn merged_diagrams_equal_those_of_one_process() {
     let line = "tradeoff --quick --only acquisition --only uncertainty --out {}";
     text(with_threads("2", line, &[&at("whole")]));
     make_shards(line, 2, &[&at("shared")], &at("parts"));
-    // merging into another folder uses the results in the shards only
+    // merging into another folder uses only the results in the shards
     let merge = format!("{line} --merge 2 --parts {{}}");
     text(with_threads("1", &merge, &[&at("merged"), &at("parts")]));
     for file in ["acquisition.json", "uncertainty.json"] {
@@ -167,7 +167,7 @@ fn merged_figure_equals_that_of_one_process() {
     let at = |name: &str| folder.path().join(name);
     let line = "paper --quick --figure 7 --out {}";
     text(with_threads("2", line, &[&at("whole")]));
-    // both shards run at the same time: each model and test set is made by one of them
+    // both shards run at the same time: each model and each test set is made by only one of them
     let shards: Vec<_> = ["0/2", "1/2"]
         .into_iter()
         .map(|shard| {
@@ -199,6 +199,6 @@ fn merged_figure_equals_that_of_one_process() {
         let read = |name: &str| std::fs::read(at(name).join(file)).unwrap();
         assert!(read("merged") == read("whole"), "{file}");
     }
-    // the report of the merge evaluates and trains nothing
+    // the report of the merge neither evaluates nor trains
     assert!(!at("merged").join("sets/test-2-2uV").exists());
 }

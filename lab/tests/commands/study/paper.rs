@@ -34,7 +34,7 @@ fn the_mesh_is_drawn_once_and_made_again_only_by_other_words() {
     ] {
         assert!(out.join(file).is_file(), "{file}");
     }
-    // an output of the same command line is reused unchanged, so that an error in it is reported
+    // an output of the same command line is reused unchanged: an error put into it is reported
     let nodes = out.join("case/nodes.csv");
     let whole = std::fs::read_to_string(&nodes).unwrap();
     std::fs::write(&nodes, "x_m,y_m\n0,zero\n").unwrap();
@@ -118,7 +118,7 @@ fn killed_run_resumes_with_missing_parts_and_names_damage() {
             path.display()
         );
     }
-    // a third run makes nothing again
+    // a third run makes no output again
     let third = figure("6", &out);
     let message = String::from_utf8_lossy(&third.stderr).into_owned();
     assert!(

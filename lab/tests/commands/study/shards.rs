@@ -98,7 +98,7 @@ fn sigterm_leaves_whole_blocks_and_ends_with_75() {
         .and_then(|number| number.parse().ok())
         .unwrap();
     assert!(completed > 0 && completed.is_multiple_of(64), "{message}");
-    // the same command continues with what is there
+    // the same command continues the existing shard
     let output = lab(&words(SET, &[&case, &stopped]));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(

@@ -20,7 +20,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     ] {
         assert!(out.join(file).is_file(), "{file}");
     }
-    // coverage: fractions of the accepted fits whose region contains the truth, beside the stated probabilities
+    // coverage: fractions of the accepted fits whose region contains the truth, next to the stated probabilities
     let coverage: serde_json::Value =
         serde_json::from_slice(&std::fs::read(out.join("uncertainty.json")).unwrap()).unwrap();
     let points = coverage["points"].as_array().unwrap();
@@ -46,7 +46,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     let points = value["points"].as_array().unwrap();
     assert!(points.len() >= 8);
     for point in points {
-        // no unbiased method beats the bound; the one-step method is biased, but not that much here
+        // no unbiased method beats the bound; the bias of the one-step method is too small here to matter
         let (error, bound) = (
             point["error"].as_f64().unwrap(),
             point["also"]["bound, mm"].as_f64().unwrap(),
@@ -55,7 +55,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     }
     assert!(points.iter().any(|point| point["front"] == true));
 
-    // reused: a manual change of it is kept
+    // the table is reused: a manual change in it is kept
     let marked =
         std::fs::read_to_string(&table)
             .unwrap()
@@ -64,7 +64,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     let again = lab(&words(&format!("{line} --json"), &[&out]));
     assert!(again.status.success(), "{}", message(&again));
     assert!(String::from_utf8_lossy(&again.stdout).contains("by hand"));
-    // computed again with another seed
+    // with another seed the table is computed again
     done(&words(&format!("{line} --seed 2"), &[&out]));
     assert!(!std::fs::read_to_string(&table).unwrap().contains("by hand"));
 
