@@ -1,5 +1,5 @@
-//! Checks the rules of `[[alarm]]`: each has a name, a limit that can be exceeded and left again, and watches something that
-//! there is.
+//! Checks the rules of `[[alarm]]`: valid names, existing regions, suitable units, and limits that a value can exceed
+//! and return from.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,8 @@ use crate::monitoring::built_in;
 use crate::preparation::Findings;
 use config::numbers::too_long;
 
-/// Reports every rule, with its position, that cannot work. `regions`: those that there are; `None` if not all are known.
+/// Reports the problems of each rule at their positions in the file. `regions`: the regions of the configuration;
+/// `None` if some of them are invalid.
 pub(super) fn check<'a>(
     rules: impl Iterator<Item = (usize, &'a AlarmSettings)>,
     regions: Option<&[RegionSettings]>,
@@ -37,7 +38,7 @@ pub(super) fn check<'a>(
             findings.add(&key("region"), why);
             continue;
         }
-        // a method with a fault may have one
+        // an invalid method is taken as calibrated, so that only its own problem is reported
         let calibrated = model.is_none_or(|model| model.calibration.is_some());
         let unit = match unit(rule, calibrated) {
             Ok(unit) => unit,
@@ -86,7 +87,7 @@ fn region_problem(rule: &AlarmSettings, regions: Option<&[RegionSettings]>) -> O
     })
 }
 
-/// What the values of the rule mean; `calibrated`: whether the configured method gives kPa.
+/// The unit of the rule's values; `calibrated`: whether the configured method gives kPa.
 fn unit(rule: &AlarmSettings, calibrated: bool) -> Result<LoadUnit, String> {
     let units = rule.quantity.units();
     let name = rule.quantity.name();
@@ -110,7 +111,7 @@ fn unit(rule: &AlarmSettings, calibrated: bool) -> Result<LoadUnit, String> {
     }
 }
 
-/// The values that are possible.
+/// The possible values, in the unit of the rule: smallest and largest.
 fn range(
     rule: &AlarmSettings,
     config: &Config,
@@ -153,7 +154,7 @@ fn range(
     }
 }
 
-/// Why a limit can never be exceeded, or never be left again; with the key.
+/// The key of the rule, and why its limit can never be exceeded or never be returned from; `None` if both are possible.
 fn limit_problem(
     rule: &AlarmSettings,
     limit: Limit,

@@ -1,4 +1,4 @@
-//! Time and noise that each survey setting costs a frame or gains.
+//! The cost of each survey setting in time per frame, and its gain: the factor by which it reduces the noise.
 
 use std::f64::consts::SQRT_2;
 use std::time::Duration;
@@ -75,14 +75,14 @@ pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
         again(plan, &protocol, plan.reversal)
     };
     if let Some(whole) = rig.half.then(whole).flatten() {
-        // a whole frame has each reading twice
+        // a full frame takes each reading and its reciprocal
         let seconds = now - whole.duration(timing).as_secs_f64();
         add(true, "half", seconds, 1.0 / SQRT_2);
     }
     costs
 }
 
-/// The same injections for another protocol, with one polarity or both.
+/// The plan of this protocol with the same injections, in one polarity or both.
 fn again(plan: &Plan, protocol: &Protocol, reversal: bool) -> Option<Plan> {
     let injection = Injection {
         current: plan.current,

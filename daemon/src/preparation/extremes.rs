@@ -3,7 +3,7 @@
 use config::numbers::KEYS;
 use survey::Bounds;
 
-/// Every number is used in calculations at both limits of its range; meshes have separate tests.
+/// Prepares a configuration with each number at both limits of its range. Meshes have separate tests.
 #[test]
 fn what_is_within_bounds_never_panics() {
     let folder = tempfile::tempdir().unwrap();

@@ -12,13 +12,13 @@ use super::{FramesFrom, Prepared};
 use crate::monitoring::disk::free_bytes;
 
 impl Prepared {
-    /// Why no user could record in the configured folder, at its place in the file.
+    /// Why no user could record in the configured folder, with the position in the file.
     pub(crate) fn unusable_record(&self) -> Option<Problem> {
         no_folder(&self.setup.record_directory).map(|text| self.record_problem(text))
     }
 
-    /// Whether this user lacks the permission to record in the configured folder, at its place in the file. Its
-    /// disk may be mounted later, so that this is no error of the configuration.
+    /// Why this user lacks the permission to record in the configured folder, with the position in the file. This is
+    /// not an error of the configuration: the disk may be mounted later.
     pub(crate) fn closed_record(&self) -> Option<Problem> {
         let (cause, text) = not_writable(&self.setup.record_directory)?;
         (cause == Errno::ACCESS).then(|| self.record_problem(text))
@@ -28,7 +28,7 @@ impl Prepared {
         self.source.problem("record.directory", text)
     }
 
-    /// Settings that will not work on this machine for this user, a sentence each.
+    /// Settings that will not work on this machine for this user, one sentence each.
     pub(crate) fn machine_warnings(&self) -> Vec<String> {
         let config = &self.setup.config;
         let notify = config.notify.command.first().map(Path::new);
@@ -96,7 +96,7 @@ fn not_writable(folder: &Path) -> Option<(Errno, String)> {
     Some((cause, text))
 }
 
-/// Why this user cannot record in the folder, or not for long.
+/// Why this user cannot record in the folder, or only for a short time.
 fn record(folder: &Path, wanted_mb: u64) -> Option<String> {
     if let Some((_, text)) = not_writable(folder) {
         return Some(format!("record.directory: {text}"));

@@ -1,4 +1,4 @@
-//! Resolves a configuration as far as possible without touching an instrument.
+//! Resolves a configuration as far as possible without connecting to an instrument.
 
 mod alarms;
 mod costs;
@@ -35,18 +35,18 @@ use survey::error_chain as chain;
 pub(crate) struct Prepared {
     pub setup: Setup,
     pub frames: FramesFrom,
-    /// The file it was read from.
+    /// The file that the configuration was read from.
     pub source: Source,
 }
 
-/// Data that stay the same until a reload.
+/// Data that are constant until a reload.
 pub(crate) struct Setup {
     /// The configuration with all paths and defaults.
     pub config: Config,
     pub config_toml: String,
     pub config_hash: String,
     pub protocol: Protocol,
-    /// At which frames are taken.
+    /// The current at which frames are measured.
     pub current: Amps,
     pub geometry: Geometry,
     pub model: Model,
@@ -103,10 +103,10 @@ pub(crate) fn prepare(path: &Path) -> Result<Prepared, Vec<Problem>> {
     }
 }
 
-/// The plan of a session whose survey settings differ from the configuration; the measurements are the same.
+/// The plan of a session whose survey settings differ from the configuration.
 ///
 /// # Errors
-/// Problems, as sentences.
+/// The problems, one sentence each.
 pub(crate) fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Vec<String>> {
     let config = Config {
         survey,
@@ -127,7 +127,7 @@ pub(crate) fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, 
     }
 }
 
-/// Reads a file into its effective configuration, paths resolved.
+/// Reads a file to its effective configuration, with resolved paths.
 ///
 /// # Errors
 /// Every problem of its text.
@@ -287,7 +287,8 @@ fn of_entries(config: &Config, model: Option<&Model>, findings: &mut Findings<'_
     alarms::check(rules, Some(&config.region), config, model, findings);
 }
 
-/// Checks the regions and rules of a configuration that cannot be used for other faults, as far as that is possible.
+/// Checks the valid regions and rules of a configuration that has other errors, so that their problems are reported
+/// too.
 fn of_sound_entries(model: Option<&Model>, findings: &mut Findings<'_>) {
     let (regions, all) = findings.source.sound::<RegionSettings>("region");
     let (rules, _) = findings.source.sound::<AlarmSettings>("alarm");
@@ -302,7 +303,7 @@ fn of_sound_entries(model: Option<&Model>, findings: &mut Findings<'_>) {
     alarms::check(rules, known, &config, model, findings);
 }
 
-/// Regions must have a name and a shape each, and touch the map.
+/// Each region must have a unique name and a shape, and overlap the map.
 fn of_regions<'a>(
     regions: impl Iterator<Item = (usize, &'a RegionSettings)>,
     config: &Config,
@@ -333,8 +334,8 @@ fn effective(config: &Config) -> Result<(String, String), String> {
 }
 
 impl Setup {
-    /// The configuration stored with a session whose model has these settings, so that its maps can be recomputed from
-    /// the session alone. With its hash.
+    /// The configuration stored with a session whose model has these settings, and its hash. Its maps can be recomputed
+    /// from the session alone.
     pub(crate) fn stored_config(
         &self,
         settings: Option<&ReconstructionSettings>,
@@ -347,7 +348,7 @@ impl Setup {
         });
         match with_settings {
             Some(Ok(kept)) => kept,
-            // it could be written before
+            // the error is not expected: this type of configuration was already serialised when it was prepared
             Some(Err(_)) | None => (self.config_toml.clone(), self.config_hash.clone()),
         }
     }
@@ -371,7 +372,7 @@ fn requested(
 
 /// The protocol of a survey.
 fn pattern(electrodes: usize, survey: &SurveySection) -> Result<Protocol, ProtocolError> {
-    // a larger skip would give the same pair in the opposite direction, or none
+    // a larger skip would give the same pairs in the opposite direction, or none
     if survey.skip + 2 > electrodes {
         return Err(ProtocolError::Empty);
     }
@@ -392,7 +393,7 @@ impl Prepared {
         }
     }
 
-    /// Contradictions that are not errors, a sentence each. Reads the last baseline from the record, if possible.
+    /// Contradictions that are not errors, one sentence each. Reads the last baseline from the record, if possible.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let (FramesFrom::Rig(rig), Some(noise_uv)) =
             (&self.frames, self.setup.config.model.noise_uv)

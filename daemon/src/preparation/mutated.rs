@@ -23,8 +23,8 @@ impl Random {
     }
 }
 
-/// The shipped file on a small tank: accepted configurations are prepared, and a tank takes a thousandth of the time of
-/// a sheet.
+/// The shipped file for a small tank: accepted configurations are prepared, which takes a thousandth of the time for a
+/// tank, compared with a sheet.
 fn small() -> String {
     SHIPPED
         .replace("preset = \"paper-sheet\"", "preset = \"disc-tank\"")
@@ -131,6 +131,6 @@ fn a_mutated_configuration_is_refused_or_understood() {
             Err(problems) => refused_with_its_file(&path, &problems, seed),
         }
     }
-    // neither all rejected nor all accepted: both results are tested
+    // some are accepted and some rejected, so that both results are tested
     assert!(understood > 0 && understood < count, "{understood}");
 }

@@ -27,7 +27,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     of_about(config, findings);
 }
 
-/// Free texts are stored with every session.
+/// Limits the length of free texts, which are stored with every session.
 fn of_about(config: &Config, findings: &mut Findings<'_>) {
     let about = &config.about;
     for (key, words) in [
@@ -44,11 +44,12 @@ fn of_about(config: &Config, findings: &mut Findings<'_>) {
     }
 }
 
-/// A trained model has its own settings: method settings beside it would be ignored, as would those of another method.
+/// Reports method settings that would be ignored: any next to a model file, which has its own settings, and those of
+/// another method.
 fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
     let model = &config.model;
     if model.file.is_some() {
-        // its maps may be bounded
+        // maps of a trained model may be restricted to losses
         let given = model.given();
         let given: Vec<&str> = given
             .into_iter()
@@ -76,7 +77,7 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
     }
 }
 
-/// Settings of notifications.
+/// Checks the settings of notifications.
 fn of_notify(config: &Config, findings: &mut Findings<'_>) {
     let notify = &config.notify;
     if let Some(program) = notify.command.first()

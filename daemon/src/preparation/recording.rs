@@ -12,7 +12,7 @@ use crate::acquisition::playback::{Playing, Recording};
 use crate::preparation::Findings;
 use config::{Config, RecordingSection};
 
-/// Opens existing frames.
+/// Opens the configured recording and its baseline.
 pub(super) fn recorded(
     config: &Config,
     findings: &mut Findings<'_>,
@@ -69,11 +69,11 @@ pub(super) fn recorded(
 }
 
 /// Fills in current and noise from the recording, so that the configuration stored in a session suffices to recompute
-/// its maps to the bit.
+/// its maps bit for bit.
 ///
-/// A recorded session has a configuration of its own, which is used. Plain frames have no known unit: their noise is
-/// the baseline's (the rms of the readings' standard deviations, else a thousandth of the readings' rms), scaled to the
-/// geometry as the one-step method scales the readings.
+/// A recorded session contains its configuration, which is used. Frames without one have no known unit: their noise is
+/// the rms of the standard deviations of the baseline's readings, scaled to the geometry as the one-step method scales
+/// the readings. It is not set if the baseline has no standard deviations.
 pub(super) fn complete(
     config: &mut Config,
     recording: &IndexedFrames,
@@ -118,7 +118,8 @@ pub(super) fn complete(
     }
 }
 
-/// Settings of the configuration stored with a session. Its other keys are not read: those of another version may be unknown here.
+/// Settings read from the configuration stored with a session. Its other keys are not read, because this version may
+/// not know them.
 #[derive(Debug, PartialEq)]
 struct Kept {
     current_ua: Option<f64>,
@@ -143,7 +144,7 @@ impl Kept {
     }
 }
 
-/// Ratio of the baseline to the geometry's readings at 1 A; `None` if they do not match.
+/// Ratio of the baseline's readings to the computed readings of the geometry at 1 A; `None` if they do not match.
 fn gain(baseline: &Baseline, geometry: &Geometry, protocol: &Protocol) -> Option<f64> {
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).ok()?;
     noise::gain(&forward, &geometry.sigma0, protocol, &baseline.readings).ok()?
@@ -155,7 +156,7 @@ mod tests {
 
     #[test]
     fn settings_of_a_session_of_another_version_are_used() {
-        // a section that has another name now, and a key that there is not yet
+        // a section that was renamed since, and a key of a later version
         let text = "[care]\n[survey]\ncurrent_ua = 500\nfuture = 1\n[model]\nlambda = 1e-3\n";
         assert!(toml::from_str::<Config>(text).is_err());
         let kept = Kept::read(text).unwrap();

@@ -269,7 +269,7 @@ fn deadline(given_ms: Option<f64>) -> Duration {
 }
 
 fn places(config: &Config, findings: &mut Findings<'_>) -> Option<InstrumentAddresses> {
-    // without a board, the mainframe that switches is the one that measures
+    // without a board, the same mainframe switches and measures
     let mainframe =
         config.rig.kind != RigKind::Simulated && config.wiring.kind != WiringKind::GpioBoard;
     let voltmeter = match &config.voltmeter {
@@ -360,7 +360,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<InstrumentAddr
     Some(places)
 }
 
-/// The timeout of a mainframe that both switches and measures, from either section.
+/// The timeout of a mainframe that both switches and measures, in ms, from either section.
 fn one_deadline(config: &Config, findings: &mut Findings<'_>) -> Option<f64> {
     let of = |section: &Option<InstrumentSection>| section.as_ref()?.deadline_ms;
     let (switch, voltmeter) = (of(&config.switch), of(&config.voltmeter));
@@ -377,7 +377,7 @@ fn one_deadline(config: &Config, findings: &mut Findings<'_>) -> Option<f64> {
     voltmeter.or(switch)
 }
 
-/// The enabling level of a chip of a board on a gpiochip: low by default.
+/// The level that enables a multiplexer chip, for a board on a gpiochip: low by default.
 fn enable(config: &Config, findings: &mut Findings<'_>) -> EnableName {
     let sections = [
         ("source", &config.source),
@@ -407,7 +407,7 @@ mod tests {
     use crate::preparation::rig_plan::*;
     use crate::preparation::{FramesFrom, prepare};
 
-    /// Deadlines of source, switch and voltmeter, or what is wrong, for keys of their sections.
+    /// Timeouts of source, switch and voltmeter for these keys in their sections, or the problems.
     fn deadlines(source: &str, switch: &str, voltmeter: &str) -> Result<[Duration; 3], String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("config.toml");
@@ -434,7 +434,7 @@ mod tests {
         let voltmeter = "[voltmeter]\naddress = \"tcp:b:2\"\n";
         let (one, two) = ("deadline_ms = 1000", "deadline_ms = 2000");
         assert_eq!(deadlines(two, one, ""), seconds([2, 1, 1]));
-        // the switch is the mainframe that measures, whichever section sets the timeout
+        // switch and voltmeter are one mainframe, whichever section sets the timeout
         assert_eq!(deadlines("", one, voltmeter), seconds([5, 1, 1]));
         let measures = format!("{voltmeter}{one}");
         assert_eq!(deadlines("", "", &measures), seconds([5, 1, 1]));

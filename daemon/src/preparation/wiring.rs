@@ -16,7 +16,7 @@ use survey::error_chain as chain;
 #[derive(Debug, Clone)]
 pub(super) struct WiringWithModules {
     pub wiring: Wiring,
-    /// By slot; none for the multiplexer board.
+    /// Modules by slot; empty for the multiplexer board.
     pub modules: BTreeMap<u32, Module>,
     pub limits: Limits,
 }
@@ -85,7 +85,7 @@ pub(super) fn resolve_wiring(
     })
 }
 
-/// Its name in a configuration, which is also the name of the matching shipped profile.
+/// The name of the wiring in a configuration, which is also the name of the matching shipped profile.
 pub(super) fn name(kind: WiringKind) -> &'static str {
     match kind {
         WiringKind::Pairs34924a => "pairs-34924a",

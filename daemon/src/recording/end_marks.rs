@@ -18,9 +18,9 @@ use sha2::{Digest, Sha256};
 
 use crate::locked::locked;
 
-/// Name of the file in the record's directory; in the runtime directory the record's directory is added.
+/// Name of the file in the record's directory. In the runtime directory a hash of the record's directory is appended.
 const FILE: &str = "ended-sessions";
-/// Bytes of a mark: the amount that a disk writes atomically.
+/// Size of a mark, bytes: the amount that a disk writes atomically.
 const SLOT: usize = 512;
 /// Capacity of a file. One mark is needed for each ended session that could not be closed yet.
 const SLOTS: usize = 16;
@@ -76,7 +76,8 @@ impl EndMarks {
         marks
     }
 
-    /// Marks a session as ended; the result tells which files are on disk when this returns.
+    /// Marks a session as ended at `at_ns`, in nanoseconds since 1970 UTC. The result lists the files that contain the
+    /// mark when this returns.
     pub(crate) fn mark(&self, session: &str, at_ns: i64, reason: &str) -> Marked {
         let _alone = locked(&self.changes);
         let mark = Mark {
@@ -92,7 +93,7 @@ impl EndMarks {
                 None
             }
         };
-        // memory first: it does not hang when the disk does
+        // first the file in memory, which cannot hang as the disk can
         let until_restart = written(&self.until_restart);
         let durable = written(&self.durable);
         Marked {
@@ -102,7 +103,7 @@ impl EndMarks {
         }
     }
 
-    /// Why each marked session ended, by its id.
+    /// The reason of the end of each marked session, by session id.
     pub(crate) fn reasons(&self) -> BTreeMap<String, String> {
         let mut reasons = BTreeMap::new();
         for path in [&self.until_restart, &self.durable] {
@@ -135,7 +136,7 @@ impl EndMarks {
 }
 
 impl Marked {
-    /// Whether the end is stored anywhere.
+    /// Whether the end is stored in at least one file.
     pub(crate) fn is_kept(&self) -> bool {
         self.durable.is_some() || self.until_restart.is_some()
     }

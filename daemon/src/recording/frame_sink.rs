@@ -6,13 +6,13 @@ use logbook::LogbookError;
 
 use crate::recording::published::Published;
 
-/// A destination of frames. The recorder hands each frame to the logbook first, which makes it durable, and then to the
-/// others.
+/// A destination of frames. The recorder passes each frame to the logbook first, which makes it durable, and then to
+/// the other sinks.
 pub(crate) trait FrameSink: Send {
     /// Takes frames in the order in which they were measured.
     ///
     /// # Errors
-    /// The disk refuses them; only the logbook refuses frames.
+    /// The frames cannot be written to the disk. Only the logbook returns errors.
     fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError>;
 
     /// Receives a frame again, with its late map.

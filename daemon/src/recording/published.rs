@@ -23,7 +23,7 @@ pub(crate) struct Published {
     pub noise: Option<f64>,
     /// The map as pressure, if the method is calibrated.
     pub pressure: Option<Pressure>,
-    /// What the tracked baseline says of the frame.
+    /// The comparison of the frame with the tracked baseline.
     pub tracked: Option<Tracked>,
     /// Quantities of the map.
     pub quantities: Option<FrameQuantities>,
@@ -53,7 +53,7 @@ impl Published {
         }
     }
 
-    /// Counts of readings that are no voltages, and reciprocity.
+    /// Numbers of readings that are not voltages, and reciprocity.
     pub(crate) fn quality_details(&self) -> FrameQuality {
         let quality = &self.quality;
         FrameQuality {
@@ -98,14 +98,14 @@ impl Published {
             known: self.tracked.as_ref().map(|tracked| tracked.known),
             tracked: self.tracked.as_ref().map(json),
             quantities: self.quantities.as_ref().map(json),
-            // bulk data, which summaries in signals do not have
+            // bulk data, which signals must not contain
             deviations: None,
             deviations_sequence: None,
         }
     }
 }
 
-/// A part of the details that is a text of its own.
+/// A part of the details as JSON text.
 pub(super) fn json(part: &impl Serialize) -> String {
     serde_json::json!(part).to_string()
 }

@@ -7,7 +7,7 @@ use tokio::sync::oneshot;
 
 use crate::events::event::Event;
 
-/// Most frames waiting for the disk; then acquisition waits.
+/// Maximum number of messages in the queue; if it is full, acquisition waits.
 pub(crate) const QUEUE: usize = 16;
 
 /// A message to the recorder.
@@ -16,8 +16,8 @@ pub(crate) enum RecorderMessage {
     Frame(Box<Frame>),
     /// Write an event to the record; it has been reported.
     Event(Event),
-    /// An order of a person to the tracked baseline; the reply is the number of the first frame that it is for, or why it cannot
-    /// be carried out.
+    /// An operator's order to the tracked baseline. The reply is the number of the first frame to which it applies, or
+    /// why it cannot be carried out.
     Order {
         order: TrackingOrder,
         by: String,

@@ -13,7 +13,8 @@ use survey::error_chain as chain;
 
 use crate::locked::locked;
 
-/// Most files that are read during the start; more are read in the background.
+/// Maximum number of files that are read before the daemon is ready; if there are more, they are read in the
+/// background.
 const WHILE_STARTING: usize = 200;
 
 /// The index of the record's folder.
@@ -40,7 +41,8 @@ impl Records {
         }
     }
 
-    /// Removes or folds in what killed daemons left in the folder. The caller must hold the folder's lock.
+    /// Tidies up after killed daemons: removes empty sessions and folds journals into their sessions. The caller must
+    /// hold the folder's lock.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -135,7 +137,7 @@ impl Records {
         Ok(None)
     }
 
-    /// At most this many sessions, newest first; optionally those after the one with this id.
+    /// At most `count` sessions, newest first. With `before`, those that follow the session with this id in the list.
     ///
     /// # Errors
     /// The folder cannot be read, or there is no such session.

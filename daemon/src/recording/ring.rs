@@ -1,4 +1,4 @@
-//! Bounded buffer of a stream's reader: the oldest record is dropped and counted. No I/O.
+//! Bounded buffer of a stream's reader. If it is full, the oldest record is dropped and counted. No I/O.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ impl Ring {
         self.waiting.push_back(record);
     }
 
-    /// Removes the oldest record, with the number of those dropped before it filled in.
+    /// Removes and returns the oldest record, in which the number of records dropped before it is filled in.
     pub(crate) fn pop(&mut self) -> Option<Vec<u8>> {
         let mut record = self.waiting.pop_front()?.to_vec();
         set_gap(&mut record, std::mem::take(&mut self.dropped));

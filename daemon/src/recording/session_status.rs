@@ -45,7 +45,7 @@ pub(crate) struct Progress {
     pub ended: Option<SessionEnd>,
 }
 
-/// How it ended.
+/// How the session ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct SessionEnd {
     pub reason: String,
@@ -66,9 +66,9 @@ pub(crate) struct SessionStatus {
     /// The file currently written; a session that rolls over has several.
     path: Mutex<PathBuf>,
     pub readers: Readers,
-    /// Whether the readings of injections reach the readers, or why not; known when the session runs.
+    /// Whether the readers can receive the load after each injection, or why not; set when the session runs.
     pub injections: SetOnce<Result<(), &'static str>>,
-    /// The queue to its record, once it runs.
+    /// The queue of the session's recorder; set when the session runs.
     record: OnceLock<WeakSender<RecorderMessage>>,
     acquired: AtomicU64,
     durable: watch::Sender<u64>,
@@ -82,19 +82,19 @@ pub(crate) struct SessionStatus {
     button: StopButton,
     stop: Stop,
     suspend: watch::Sender<bool>,
-    /// The record has no space.
+    /// Whether acquisition is held, because the record cannot be written.
     held: watch::Sender<bool>,
     /// Frames granted so far; `None` for a session with a schedule.
     granted: Option<watch::Sender<u64>>,
     why: Mutex<String>,
-    /// The end was requested because of a failure.
+    /// Whether the end was requested because of a failure.
     failed: AtomicBool,
     left_open: AtomicBool,
-    /// The end was requested for good; the next daemon must not resume it.
+    /// Whether the end was requested for good: the next daemon must not resume the session.
     ended_for_good: AtomicBool,
-    /// Where its end was marked apart from its file; set before the file is closed.
+    /// The end marks that were written; set before the session's file is closed.
     pub marked: OnceCell<Marked>,
-    /// Its file records its end.
+    /// Whether the session's file records its end.
     closed: AtomicBool,
     /// Frames that failed.
     failures: AtomicU64,
@@ -106,7 +106,7 @@ pub(crate) struct SessionStatus {
 /// Times of frames, by the daemon's clock.
 #[derive(Debug, Default)]
 struct Pace {
-    /// Since when a frame is expected: the start, or the last resumption.
+    /// Time from which a frame is expected: the start, or the end of the last suspension.
     from: Duration,
     first: Option<Duration>,
     last: Option<Duration>,
@@ -157,21 +157,21 @@ impl SessionStatus {
         }
     }
 
-    /// Sets the queue to its record.
+    /// Sets the queue of the session's recorder.
     pub(crate) fn set_record(&self, record: WeakSender<RecorderMessage>) {
         let _ = self.record.set(record);
     }
 
-    /// Queues an event for its record; false if the record cannot take it now.
+    /// Queues an event for the session's record; false if the queue is full or does not exist.
     pub(crate) fn record_event(&self, event: Event) -> bool {
         let record = self.record.get().and_then(WeakSender::upgrade);
         record.is_some_and(|record| record.try_send(RecorderMessage::Event(event)).is_ok())
     }
 
-    /// Gives an order to the tracked baseline; returns the number of the first frame that it is for.
+    /// Gives an order to the tracked baseline; returns the number of the first frame to which it applies.
     ///
     /// # Errors
-    /// Why it cannot be carried out.
+    /// Why the order cannot be carried out.
     pub(crate) async fn order_tracking(
         &self,
         order: TrackingOrder,
@@ -183,7 +183,7 @@ impl SessionStatus {
         let (reply, ordered) = oneshot::channel();
         let message = RecorderMessage::Order { order, by, reply };
         record.send(message).await.map_err(|_| ended())?;
-        // the session may end meanwhile
+        // the queue is not kept open: the session may end meanwhile
         drop(record);
         let ordered = ordered.await.map_err(|_| ended())?;
         ordered.map_err(Fault::Unsupported)
@@ -204,7 +204,7 @@ impl SessionStatus {
         self.stop(why);
     }
 
-    /// Whether the next daemon resumes it: it was left open, and no end for good was requested.
+    /// Whether the next daemon should resume the session: it was left open, and no end for good was requested.
     pub(crate) fn is_left_open(&self) -> bool {
         self.left_open.load(Ordering::SeqCst) && !self.ended_for_good.load(Ordering::SeqCst)
     }
@@ -215,7 +215,7 @@ impl SessionStatus {
         self.stop(why);
     }
 
-    /// Whether its end is recorded, in its file or apart from it.
+    /// Whether the end is recorded in the session's file or in an end mark.
     pub(crate) fn end_is_recorded(&self) -> bool {
         self.is_closed() || self.marked.get().is_some_and(Marked::is_kept)
     }
@@ -229,7 +229,7 @@ impl SessionStatus {
         self.closed.load(Ordering::SeqCst)
     }
 
-    /// Records that its file contains its end.
+    /// Stores that the session's file records its end.
     pub(crate) fn set_closed(&self) {
         self.closed.store(true, Ordering::SeqCst);
     }
@@ -297,7 +297,7 @@ impl SessionStatus {
         });
     }
 
-    /// The final update.
+    /// Publishes the end of the session, as the last update.
     pub(crate) fn end(&self, end: SessionEnd) {
         // with the start, the only journal messages of a session without faults
         tracing::info!(
@@ -326,7 +326,7 @@ impl SessionStatus {
                 return end;
             }
             if follow.changed().await.is_err() {
-                // the sender lives in self
+                // not reached: the sender is in `self`
                 std::future::pending::<()>().await;
             }
         }
@@ -357,7 +357,7 @@ impl SessionStatus {
         self.stop(why);
     }
 
-    /// Whether its end was requested because of a failure.
+    /// Whether the end was requested because of a failure.
     pub(crate) fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Relaxed)
     }
@@ -394,13 +394,14 @@ impl SessionStatus {
         self.granted.is_none() && !*self.suspend.borrow()
     }
 
-    /// Since when a frame is expected, and when the first and the last one began, by the daemon's clock.
+    /// The time from which a frame is expected, and the times when the first and the last frame began, by the daemon's
+    /// clock.
     pub(crate) fn pace(&self) -> (Duration, Option<Duration>, Option<Duration>) {
         let pace = locked(&self.pace);
         (pace.from, pace.first, pace.last)
     }
 
-    /// Holds acquisition while the record has no space, independent of client requests.
+    /// Holds or releases acquisition, independent of client requests: the record has no space, or is locked.
     pub(crate) fn hold(&self, hold: bool) {
         self.held.send_replace(hold);
     }
@@ -432,7 +433,7 @@ impl SessionStatus {
     }
 }
 
-/// Clients see counters, the last frame and the last map of the session.
+/// Updates the counters, the last frame and the last map, which clients read.
 impl FrameSink for Arc<SessionStatus> {
     fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
         for published in frames {

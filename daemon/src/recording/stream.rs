@@ -14,7 +14,7 @@ use crate::locked::locked;
 use crate::panics::containment::{PanicScope, answer};
 use crate::recording::ring::Ring;
 
-/// Time for a reader to take the rest after the end; then it is closed.
+/// Time for a reader to read the remaining records after the end of the session; then its stream is closed.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Options of a reader.
@@ -26,11 +26,11 @@ pub(crate) struct Wanted {
     pub pressure: bool,
     /// Quality of maps.
     pub quality: bool,
-    /// The load after every injection, which is computed only while somebody reads it.
+    /// The load after every injection, which is computed only while a client reads it.
     pub injections: bool,
-    /// The standard deviation of maps, which is computed only while somebody reads it.
+    /// The standard deviation of maps, which is computed only while a client reads it.
     pub deviations: bool,
-    /// Records held for it.
+    /// Maximum number of records held for the reader.
     pub ring: usize,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct Readers {
 #[derive(Debug, Default)]
 struct OpenReaders {
     readers: Vec<Arc<Reader>>,
-    /// The record of the session's end, once it was sent: a later reader gets it at once.
+    /// The record of the session's end, once it has been sent: a reader that is added later receives it immediately.
     end: Option<Arc<[u8]>>,
 }
 
@@ -64,8 +64,8 @@ struct Waiting {
 }
 
 impl Readers {
-    /// Adds a reader and returns its end of the socket; `place` is dropped when it is closed. Must be called inside the
-    /// runtime.
+    /// Adds a reader and returns its end of the socket. `place` is dropped when the stream is closed. Must be called in
+    /// the runtime.
     pub(crate) fn add(
         &self,
         wanted: Wanted,
@@ -85,7 +85,7 @@ impl Readers {
             over: Notify::new(),
         });
         let mut open = locked(&self.open);
-        // without publishing, many readers may have connected and disconnected
+        // removed here too: between two records, many readers may have connected and disconnected
         open.forget_gone();
         match &open.end {
             Some(end) => reader.end(end),
@@ -105,12 +105,12 @@ impl Readers {
         locked(&self.open).readers.is_empty()
     }
 
-    /// Whether any of them wants the load after every injection.
+    /// Whether any reader has requested the load after every injection.
     pub(crate) fn want_injections(&self) -> bool {
         self.any_wants(|wanted| wanted.injections)
     }
 
-    /// Whether any of them wants the standard deviation of maps.
+    /// Whether any reader has requested the standard deviation of maps.
     pub(crate) fn want_deviations(&self) -> bool {
         self.any_wants(|wanted| wanted.deviations)
     }
@@ -174,8 +174,8 @@ impl Reader {
     }
 }
 
-/// Writes the buffered records at the reader's pace; after the end of the session, a reader that stops reading is
-/// closed.
+/// Writes the buffered records as fast as the reader reads. After the end of the session, the stream of a reader that
+/// does not read is closed.
 async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
     let late = async {
         reader.over.notified().await;
@@ -188,7 +188,7 @@ async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
     locked(&reader.waiting).gone = true;
 }
 
-/// Writes until the end is sent, or the reader is gone.
+/// Writes until the end is sent, or the reader has closed its socket.
 async fn write(reader: &Reader, socket: &mut UnixStream) {
     loop {
         let (record, ended) = {
@@ -225,7 +225,7 @@ async fn gone(socket: &UnixStream) {
     }
     let both = Interest::READABLE | Interest::WRITABLE;
     match socket.ready(both).await {
-        // the next write detects it when that direction is closed, too
+        // when the other direction is closed too, the next write detects it
         Ok(ready) if !ready.is_write_closed() => std::future::pending().await,
         _ => {}
     }
@@ -295,7 +295,7 @@ mod tests {
             }
         }
         assert!(lost > 0, "a socket does not hold 500 frames of 5 kB");
-        // the end replaced a record in the ring, or none
+        // every frame was either received or counted as lost
         assert_eq!(got + lost, SENT);
     }
 
@@ -316,7 +316,7 @@ mod tests {
         stays.write_all(&[7; 200]).unwrap();
         stays.shutdown(std::net::Shutdown::Write).unwrap();
         drop(fd);
-        // nothing was published: the closed socket itself is detected
+        // nothing was published: the closing of the socket itself is detected
         given_back.await.unwrap_err();
         let more = readers.add(wanted, ()).unwrap();
         assert_eq!(
@@ -370,7 +370,7 @@ mod tests {
         let wanted = FRAMES;
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();
         let fd = readers.add(wanted, place).unwrap();
-        // more than the socket holds: a write is in progress when the end comes
+        // more than the socket buffers: a write is in progress when the session ends
         for sequence in 1..=500 {
             readers.publish(&frame(sequence));
             tokio::task::yield_now().await;
@@ -381,7 +381,7 @@ mod tests {
             },
             ..frame(500)
         });
-        // by the test's paused clock, which advances when nothing else runs
+        // measured by the test's paused clock, which advances when no other task can run
         let let_go = tokio::time::timeout(2 * DRAIN_TIMEOUT, given_back).await;
         let_go.expect("it is let go").unwrap_err();
         drop(fd);

@@ -1,4 +1,4 @@
-//! Frames and maps on the full-rate stream.
+//! Sends frames and maps on the full-rate stream.
 
 use std::sync::Arc;
 
@@ -53,7 +53,7 @@ impl FrameSink for StreamSink {
 }
 
 impl StreamSink {
-    /// What is computed beside frames and maps, of the frame of this sequence.
+    /// Sends a result that is computed separately from frames and maps, for the frame with this sequence.
     pub(super) fn beside_frames(&self, sequence: u64, wall_ns: i64, body: Body) {
         self.0.readers.publish(&Record {
             sequence,
@@ -101,7 +101,7 @@ fn pressure_body(pressure: &Pressure) -> Body {
     }
 }
 
-/// Voltages as numbers for the bus; NaN, which its flag explains, where there is none.
+/// Voltages as numbers for the bus; NaN for a reading without voltage, whose flag gives the reason.
 pub(crate) fn volts(readings: &[Reading]) -> Vec<f64> {
     readings
         .iter()

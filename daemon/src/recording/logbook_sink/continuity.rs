@@ -1,4 +1,4 @@
-//! Checks that a frame continues the previous one: by the clocks, and after a gap by its readings.
+//! Checks that a frame continues the previous one: its times, and after a gap its readings.
 
 use crate::events::kind::EventKind;
 use chrono::TimeDelta;
@@ -13,7 +13,7 @@ const CLOCK_STEP: TimeDelta = TimeDelta::try_seconds(1).unwrap();
 const PLAUSIBLE: f64 = 0.1;
 
 impl LogbookSink {
-    /// Reports when the wall clock is set or the machine sleeps; schedules follow the monotonic clock.
+    /// Reports that the wall clock was set or the machine slept. Schedules follow the monotonic clock.
     pub(super) fn check_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
         if self.is_recording {
             return Ok(());
@@ -38,7 +38,7 @@ impl LogbookSink {
         }
     }
 
-    /// Checks that the first frame after a gap fits the last one before it.
+    /// Compares the first frame after a gap with the last one before it, and reports whether the readings have changed.
     pub(super) fn compare_with_previous(&mut self, first: &Frame) -> Result<(), LogbookError> {
         let Some(before) = self.before.take() else {
             return Ok(());

@@ -1,5 +1,6 @@
 //! Disk space of the record: an early alarm, a policy for a full disk, and a new part of the session if the old file
-//! has an I/O error, is locked or gone, or has reached its size. Acknowledged frames are safe; the current one waits.
+//! has an I/O error, is locked or deleted, or has reached its maximum size. Acknowledged frames are safe; the current
+//! frame waits.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -21,7 +22,7 @@ use survey::error_chain as chain;
 /// Time between two checks for space.
 const SPACE_CHECK_INTERVAL: Duration = Duration::from_millis(200);
 const MEGABYTE: u64 = 1_000_000;
-/// Least space that a ring frees at once.
+/// Minimum space that is freed at a time with `when_full = "ring"`, bytes.
 const LEAST_DELETED: u64 = 16 * MEGABYTE;
 /// Time to wait for another process's lock before the session continues in the next part.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
@@ -36,9 +37,9 @@ pub(crate) struct DiskPolicy {
     low: bool,
     /// The day of the last frame.
     day: Option<chrono::NaiveDate>,
-    /// Why writing is paused.
+    /// The pause in progress.
     paused: Option<Pause>,
-    /// How long a lock is waited for.
+    /// How long to wait for another process's lock.
     pub(in crate::recording) lock_patience: Duration,
     /// Events waiting for space.
     pub(in crate::recording) unwritten: VecDeque<Event>,
@@ -65,7 +66,7 @@ impl DiskPolicy {
         }
     }
 
-    /// How long frames are gathered for one sync.
+    /// How long frames are collected for one sync.
     pub(in crate::recording) fn gathers(&self) -> Duration {
         Duration::from_millis(self.section.group_ms)
     }
@@ -139,7 +140,7 @@ impl LogbookSink {
         self.free().is_some_and(|free| free < MEGABYTE)
     }
 
-    /// Whether the wait for the lock is over: it timed out, or the session is to end.
+    /// Whether the wait for the lock is over: it has timed out, or the end of the session was requested.
     fn has_waited_for_the_lock(&self) -> bool {
         let now = self.clock.monotonic();
         let waited = match &self.disk.paused {
@@ -149,7 +150,7 @@ impl LogbookSink {
         waited >= self.disk.lock_patience || self.status.stop_request().is_requested()
     }
 
-    /// Writes something else than frames, under the same rules.
+    /// Writes data other than frames, with the same handling of errors; does not keep the reserve free.
     pub(in crate::recording) fn persist(
         &mut self,
         write: impl Fn(&mut SessionWriter) -> Result<(), LogbookError>,
@@ -166,8 +167,8 @@ impl LogbookSink {
         }
     }
 
-    /// Continues the session in its next part, when the file has reached its size or a day begins; if that fails,
-    /// continues in this one.
+    /// Continues the session in its next part if the file has reached its maximum size or a new day has begun. If the
+    /// part cannot be created, continues in this one.
     pub(in crate::recording) fn roll(&mut self, at: DateTime<Utc>) -> Result<(), LogbookError> {
         let section = &self.disk.section;
         let before = self.disk.day.replace(at.date_naive());
@@ -182,7 +183,7 @@ impl LogbookSink {
                 Ok(())
             }
             Err(error) if error.needs_successor() => self.renew(&error),
-            // the next frame tries again
+            // tried again with the next frame
             Err(error) if error.is_locked() => {
                 self.disk.day = before;
                 Ok(())
@@ -191,8 +192,9 @@ impl LogbookSink {
         }
     }
 
-    /// Continues the session in another file after the acknowledged frames. After an I/O error the state of the old
-    /// file on disk is unknown, and reads may be served from the page cache; a deleted file is copied.
+    /// Continues the session in another file, after the acknowledged frames. After an I/O error the state of the old
+    /// file on disk is unknown: reads may be served from the page cache. The frames of a deleted file are copied to a
+    /// new one.
     pub(in crate::recording) fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
         let at = self.clock.wall();
         let why = chain(error);
@@ -219,12 +221,12 @@ impl LogbookSink {
             left.display(),
             self.writer.path().display()
         );
-        // the part records this itself
+        // not written to the record: the new part contains the reason itself
         self.report(EventKind::Alarm, &text);
         Ok(())
     }
 
-    /// Checks that the file is still at its path, if no frame was written for a while.
+    /// Checks that the file is still at its path; called while no frame is written.
     pub(in crate::recording) fn look_at_place(&mut self) -> Result<(), LogbookError> {
         match self.writer.check_place() {
             Err(gone) => self.renew(&gone),
@@ -232,7 +234,7 @@ impl LogbookSink {
         }
     }
 
-    /// Reports once that space is low, and once that there is enough again.
+    /// Reports once when space is low, and once when there is enough again.
     fn warn_early(&mut self, free: Option<u64>) -> Result<(), LogbookError> {
         let Some(free) = free else {
             return Ok(());
@@ -261,11 +263,11 @@ impl LogbookSink {
             }
         );
         self.note(EventKind::DiskLow, &text);
-        // there may not even be space for this; that is reported next
+        // there may be no space for this event either, which the next write reports
         self.settle_what_fits()
     }
 
-    /// Whether the reserve is reached; during a pause, a tenth more is required.
+    /// The error if less space than the reserve is free; during a pause, 10 % more is required.
     fn lacks_space(&self, free: Option<u64>) -> Option<LogbookError> {
         let mut wanted = self.disk.section.reserve_mb * MEGABYTE;
         if self.disk.paused.is_some() {
@@ -280,7 +282,8 @@ impl LogbookSink {
         })
     }
 
-    /// No space, or a lock: frees space by the policy, or holds acquisition and waits. Reported once.
+    /// Handles a full disk or a lock: frees space if `when_full = "ring"`, otherwise holds acquisition and waits for a
+    /// moment. A pause is reported once.
     fn pause(&mut self, full: LogbookError) -> Result<(), LogbookError> {
         let locked = full.is_locked();
         let mut why = chain(&full);
@@ -304,7 +307,7 @@ impl LogbookSink {
             });
             self.status.set_last_error(&text);
             self.status.hold(true);
-            // it cannot be written to the record now; it is written later
+            // only reported: the record cannot be written now; it gets an event at the end of the pause
             let kind = match locked {
                 true => EventKind::RecordLocked,
                 false => EventKind::DiskFull,
@@ -313,7 +316,7 @@ impl LogbookSink {
         }
         if self.status.stop_request().is_requested() {
             self.status.hold(false);
-            // a file that stays locked is left for the next part, which the next attempt creates
+            // a file that stays locked is given up: the next attempt creates the next part
             return if locked { Ok(()) } else { Err(full) };
         }
         std::thread::sleep(SPACE_CHECK_INTERVAL);
@@ -323,7 +326,7 @@ impl LogbookSink {
         Ok(())
     }
 
-    /// A write succeeded: ends a pause.
+    /// Ends a pause after a successful write, and writes an event about it.
     fn end_pause(&mut self) {
         let Some(Pause { since, why, locked }) = self.disk.paused.take() else {
             return;

@@ -1,5 +1,5 @@
-//! Events of the session: reported at once, and written in order. An event that meets a full disk waits for space like
-//! a frame, and events about the disk may be written before it; one that meets an I/O error goes to the next part.
+//! Events of the session: reported immediately, and written in order. If the disk is full, an event waits for space
+//! like a frame, and events about the disk may be written before it. After an I/O error it is written to the next part.
 
 use chrono::{DateTime, Utc};
 use logbook::LogbookError;
@@ -23,7 +23,8 @@ impl LogbookSink {
         self.settle()
     }
 
-    /// Reports an event, and writes it at the next [`LogbookSink::settle`]: for events while waiting for space.
+    /// Reports an event, which is written at the next [`LogbookSink::settle`]: for events that occur during a wait for
+    /// space.
     pub(in crate::recording) fn note(&mut self, kind: EventKind, text: &str) {
         let event = self.report(kind, text);
         self.disk.unwritten.push_back(event);
@@ -83,7 +84,7 @@ impl LogbookSink {
                 .event(event.at, event.kind.as_str(), &event.text)
             {
                 Ok(()) => {}
-                // the next write meets the same error
+                // the next write handles the error
                 Err(error) if error.may_pass() || error.needs_successor() => return Ok(()),
                 Err(error) => return Err(error),
             }

@@ -1,5 +1,5 @@
-//! The session file as a sink: writes frames, events and the end, and handles disk errors. The recorder decides what is
-//! written.
+//! The session file as a sink: writes frames, events and the end of the session, and handles disk errors. The recorder
+//! decides what is written.
 
 mod continuity;
 mod disk_space;
@@ -21,7 +21,7 @@ use crate::recording::published::Published;
 use crate::recording::session_status::SessionStatus;
 use survey::error_chain as chain;
 
-/// Longest time of a write; the disk counts as hanging beyond it.
+/// Maximum time of a write; if it takes longer, the disk is considered to hang.
 const WRITE_TIME_LIMIT: Duration = Duration::from_secs(60);
 
 /// Writes one session.
@@ -34,9 +34,9 @@ pub(crate) struct LogbookSink {
     pub disk: DiskPolicy,
     /// The last frame before a gap of a resumed session, for comparison with the next frame.
     pub before: Option<logbook::Record>,
-    /// Wall time when the monotonic clock began, by the last frame.
+    /// Wall time at zero of the monotonic clock, computed from the last frame.
     pub began: Option<DateTime<Utc>>,
-    /// Whether frames are of a recording: they keep their wall times, at whatever speed they are played.
+    /// Whether the frames are from a recording: they keep their wall times at any playback speed.
     pub is_recording: bool,
 }
 
@@ -98,10 +98,10 @@ impl LogbookSink {
         IdleOnDrop(Arc::clone(&self.heartbeats), Part::Record)
     }
 
-    /// Ends the session. A file that is locked by another process, or gone, is left: the next part records the end.
+    /// Records the end of the session. If the file is locked by another process or deleted, the next part records it.
     pub(super) fn end(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
         let ended = match self.writer.end(at, reason) {
-            // the writer has waited a quarter of a second, and a stop does not wait longer
+            // the writer has waited for a quarter of a second; a stop must not wait longer
             Err(error) if error.is_locked() || error.is_gone() => {
                 self.renew(&error)?;
                 self.writer.end(at, reason)

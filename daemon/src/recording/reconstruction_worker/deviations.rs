@@ -1,5 +1,5 @@
-//! The standard deviation of maps, on a thread of its own: neither frames nor their maps wait for it. It is computed while somebody
-//! reads it, at most once in a second of frames.
+//! The standard deviation of maps, computed on a separate thread: neither frames nor maps wait for it. It is computed
+//! only while a client reads it, for at most one frame per second.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,10 +16,11 @@ use crate::panics::containment;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
 
-/// Time of frames between two with a standard deviation, s: a larger rate tells nothing more, and costs as much as the maps.
+/// Minimum time between two frames with a standard deviation, s: a higher rate gives no more information, and costs as
+/// much as the maps.
 const EVERY_S: f64 = 1.0;
 
-/// The tracked baseline just after it followed a frame.
+/// A copy of the tracked baseline just after a frame.
 struct FollowedFrame {
     tracking: Tracking,
     sequence: u64,
@@ -29,14 +30,15 @@ struct FollowedFrame {
 /// Passes frames to the thread.
 pub(super) struct Deviations {
     to: SyncSender<FollowedFrame>,
-    /// Whether the thread still computes one: a frame is copied only for a thread that takes it.
+    /// Whether the thread is still computing: the tracked baseline is copied only if the thread is idle.
     busy: Arc<AtomicBool>,
     status: Arc<SessionStatus>,
     last_s: Option<f64>,
 }
 
 impl Deviations {
-    /// Starts the thread, which ends with this value. `method`: that of the session, whose mesh its maps have.
+    /// Starts the thread, which ends when this value is dropped. `method`: the method of the session; its mesh is that
+    /// of the maps.
     pub(super) fn start(
         method: Arc<dyn Reconstructor>,
         status: &Arc<SessionStatus>,
@@ -56,7 +58,7 @@ impl Deviations {
         })
     }
 
-    /// Takes the frame that the baseline followed last, if its standard deviation is wanted now. Never waits.
+    /// Passes the last frame to the thread if its standard deviation is wanted and the thread is idle. Never waits.
     pub(super) fn take(&mut self, tracking: &Tracking, frame: &FrameRequest) {
         let recent = |last: f64| (frame.at_s - last).abs() < EVERY_S;
         let wanted = self.status.readers.want_deviations() && !self.last_s.is_some_and(recent);
@@ -68,7 +70,7 @@ impl Deviations {
             sequence: frame.sequence,
             wall_ns: frame.wall_ns,
         };
-        // the thread is idle, so that its only place is free
+        // cannot be full: the thread is idle
         let _ = self.to.try_send(followed);
         self.last_s = Some(frame.at_s);
     }
@@ -82,7 +84,7 @@ fn run(
 ) {
     let mesh = method.mesh();
     while let Ok(followed) = came.recv() {
-        // a panic costs this record
+        // after a panic only this standard deviation is missing
         let found = containment::run(|| followed.tracking.map_deviation(mesh));
         busy.store(false, Ordering::Release);
         let Ok(found) = found else {

@@ -1,5 +1,5 @@
-//! The tracked baseline of a session, in the thread of its maps. Its state is kept beside the sessions, and restored by the next
-//! session of the same baseline.
+//! The tracked baseline of a session, updated in the thread that computes maps. Its state is stored in the folder of
+//! the sessions, and restored by the next session with the same baseline.
 
 use std::path::PathBuf;
 
@@ -13,10 +13,10 @@ use survey::{Amps, Baseline, Protocol, error_chain as chain};
 
 use super::FrameRequest;
 
-/// Time of frames between two states that are kept, s: what a restart has to follow again.
+/// Time between two stored states, s. After a restart, the frames since the last stored state are followed again.
 const KEPT_EVERY_S: f64 = 3600.0;
 
-/// What is needed to follow a session's baseline.
+/// Inputs for tracking a session's baseline.
 pub(crate) struct TrackingContext {
     pub geometry: Geometry,
     pub protocol: Protocol,
@@ -25,13 +25,13 @@ pub(crate) struct TrackingContext {
     pub noise_v: f64,
     /// Folder of the sessions.
     pub folder: PathBuf,
-    /// The session, without its part.
+    /// Id of the session, without the number of its part.
     pub session: String,
-    /// Its last frame, if it is resumed; else 0.
+    /// Sequence of its last frame if it is resumed; otherwise 0.
     pub after: u64,
 }
 
-/// Follows the baseline through the frames of a session.
+/// Updates the tracked baseline with each frame of a session.
 pub(super) struct Followed {
     tracking: Tracking,
     folder: PathBuf,
@@ -39,14 +39,15 @@ pub(super) struct Followed {
     session: String,
     sequence: u64,
     kept_s: f64,
-    /// What was last reported.
+    /// The state that was last reported: masked electrodes, reason for doubt, slow change.
     masked: Vec<usize>,
     reason: Option<Doubtful>,
     slow_change: bool,
 }
 
 impl Followed {
-    /// Fits the sheet, and restores the state of the session, or of the last one with this baseline. Returns remarks too.
+    /// Fits the sheet, and restores the state of the session, or of the last session with this baseline. Also returns
+    /// remarks for the record.
     ///
     /// # Errors
     /// Why the baseline cannot be tracked.
@@ -80,8 +81,8 @@ impl Followed {
         Ok((followed, remarks))
     }
 
-    /// Goes on from the latest state of the baseline, if it is of this session or this one begins; otherwise from the state with
-    /// which the session began.
+    /// Restores the latest state of the baseline if it is from this session or if this session is new; otherwise the
+    /// state with which this session began.
     fn restore(&mut self, after: u64) -> Result<(), String> {
         let failed = |error: LogbookError| chain(&error);
         let latest: Option<KeptTracking> = kept(&self.folder, &self.baseline).map_err(failed)?;
@@ -92,7 +93,7 @@ impl Followed {
             }
             if after == 0 {
                 self.set(kept.state)?;
-                // replay begins with it
+                // replay starts from this state
                 return keep(&self.folder, &self.session, &self.tracking.state()).map_err(failed);
             }
         }
@@ -106,7 +107,7 @@ impl Followed {
         self.tracking.restore(state).map_err(|error| chain(&error))
     }
 
-    /// Follows the recorded frames after the state, up to the last one.
+    /// Follows the recorded frames after the restored state, up to the last one.
     fn catch_up(&mut self, after: u64) -> Result<(), String> {
         if after == 0 {
             return Ok(());
@@ -126,14 +127,14 @@ impl Followed {
                 .map_err(|error| chain(&error))?;
             self.sequence = frame.sequence;
         }
-        // given after the last frame: for the next one
+        // orders given after the last frame apply to the next one
         for order in orders.due(u64::MAX) {
             self.tracking.order(order);
         }
         Ok(())
     }
 
-    /// Takes an order of a person for the next frame.
+    /// Gives an operator's order to the tracked baseline, for the next frame.
     pub(super) fn order(&mut self, order: TrackingOrder) {
         self.tracking.order(order);
     }
@@ -143,20 +144,22 @@ impl Followed {
         &self.tracking
     }
 
-    /// The frame with the baseline to compare its map with, if one is wanted.
+    /// Updates the tracked baseline with a frame. Returns the judgement of the frame, and the baseline to compare it
+    /// with.
     ///
     /// # Errors
-    /// A frame that cannot be followed.
+    /// The frame cannot be followed.
     pub(super) fn follow(&mut self, request: &FrameRequest) -> Result<TrackedFrame, String> {
         let (readings, at_s) = (&request.readings, request.at_s);
         self.sequence = request.sequence;
         let frame = match request.map {
             true => self.tracking.follow(readings, at_s),
-            // frames wait to be followed: the estimate of what the baseline lacks takes as long as a map
+            // skips the estimate of changes that the tracked baseline does not contain, which takes as long as a map:
+            // frames are waiting
             false => self.tracking.judge(readings, at_s),
         };
         let frame = frame.map_err(|error| chain(&error))?;
-        // what a person sees after an order is what it did
+        // stored also after an order, so that its effect is visible to clients
         if (at_s - self.kept_s).abs() >= KEPT_EVERY_S || !frame.orders.is_empty() {
             self.kept_s = at_s;
             self.keep();
@@ -164,7 +167,7 @@ impl Followed {
         Ok(frame)
     }
 
-    /// What a person should read, where it differs from the frame before.
+    /// Texts for people about what has changed since the previous frame.
     pub(super) fn changes(&mut self, frame: &TrackedFrame) -> Vec<String> {
         let tracked = &frame.tracked;
         let mut texts = Vec::new();
@@ -201,7 +204,7 @@ impl Followed {
         texts
     }
 
-    /// Keeps the state; without it the next daemon follows the recorded frames again.
+    /// Stores the state. Without it, the next daemon follows the recorded frames again.
     pub(super) fn keep(&self) {
         let kept = KeptTracking {
             session: self.session.clone(),

@@ -1,5 +1,5 @@
-//! The load after every injection, on a thread of its own: neither frames nor their maps wait for it. It is computed while somebody
-//! reads it, from the newest injection, for at most half of the time.
+//! The load after every injection, computed on a separate thread: neither frames nor maps wait for it. It is computed
+//! only while a client reads it, from the newest injection, and for at most half of the time.
 
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -17,10 +17,10 @@ use crate::panics::containment;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
 
-/// Injections that may wait for a fit in progress: more than a fit needs.
+/// Maximum number of injections that wait for a fit in progress: more than arrive during a fit.
 const WAITING: usize = 64;
 
-/// The tracked baseline after the newest frame; `None` until a frame is complete, and while nobody reads.
+/// The tracked baseline after the newest frame; `None` until a frame is complete, and while no client reads.
 #[derive(Clone, Default)]
 pub(super) struct SharedTracking(Arc<Mutex<Option<Arc<Tracking>>>>);
 
@@ -30,10 +30,10 @@ impl SharedTracking {
     }
 }
 
-/// The last injections of a session, and who reads what they say.
+/// Computes the load after each injection of a session, for the readers of the stream.
 pub(super) struct Injections {
     pub(super) tracking: SharedTracking,
-    /// The method of the session, whose mesh its maps have.
+    /// The method of the session; its mesh is that of the maps.
     pub(super) method: Arc<dyn Reconstructor>,
     pub(super) status: Arc<SessionStatus>,
 }
@@ -56,7 +56,7 @@ impl Injections {
         while let Some(injection) = came.blocking_recv() {
             let of = (injection.frame, injection.frame_began);
             let repeated = |(number, began)| number == of.0 && began != of.1;
-            // compliance may have begun in the injection before; a frame that is measured again has failed
+            // compliance may have begun in the previous injection; a frame that is measured again has failed
             if injection.compliance || frame.is_some_and(repeated) {
                 window.clear();
             }
@@ -70,7 +70,7 @@ impl Injections {
             if !wanted || began < rests_until {
                 continue;
             }
-            // a panic costs this record
+            // after a panic only this load is missing
             let fitted = containment::run(|| self.publish(&sink, &window, &injection));
             drop(fitted);
             rests_until = Instant::now() + began.elapsed();

@@ -1,5 +1,5 @@
-//! Computes maps on a separate thread: a method that is slow, hangs or fails leaves frames without a map, but never
-//! delays or loses their record.
+//! Computes maps on a separate thread. If a method is slow, hangs or fails, frames are recorded without a map; no frame
+//! is lost.
 
 mod deviations;
 mod followed;
@@ -35,13 +35,13 @@ use survey::error_chain as chain;
 
 /// Maximum time to hold a frame for its map.
 const MAP_TIMEOUT: Duration = Duration::from_secs(2);
-/// The same if other frames are waiting; long enough for a quick method on a busy machine.
+/// The same if other frames are waiting. Long enough for a fast method on a busy machine.
 const BUSY_MAP_TIMEOUT: Duration = Duration::from_millis(250);
 /// Maximum time that a session waits for the preparation of its tracked baseline.
 const PREPARATION_TIMEOUT: Duration = Duration::from_secs(30);
-/// Most frames that wait to be followed; further ones are not.
+/// Maximum number of frames that wait to be followed; further frames are not followed.
 const FRAMES_TO_FOLLOW: usize = 1024;
-/// Time between two checks whether more frames are waiting.
+/// Time between two checks of whether more frames are waiting.
 const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Inputs of the reconstruction.
@@ -52,18 +52,18 @@ pub(crate) struct ReconstructionContext {
     pub areas: Vec<f64>,
     /// Standard deviation of one reading, in the baseline's unit; `None` if unknown.
     pub reading_noise: Option<f64>,
-    /// `None` where the baseline is not followed.
+    /// `None` if the baseline is not tracked.
     pub tracking: Option<TrackingContext>,
-    /// `None` where no quantities are computed.
+    /// `None` if no quantities are computed.
     pub quantities: Option<QuantityContext>,
     pub status: Arc<SessionStatus>,
 }
 
-/// Result of a frame.
+/// The result for one frame.
 #[derive(Debug)]
 pub(crate) struct TimedOutcome {
     pub outcome: Result<Mapped, Failure>,
-    /// Quantities of the map, or why there are none.
+    /// Quantities of the map, or the reason why there are none; `None` if the session has no quantities.
     pub quantities: Option<FrameQuantities>,
     /// Computing time.
     pub took: Duration,
@@ -83,17 +83,17 @@ pub(crate) struct Mapped {
     pub noise: Option<f64>,
     pub pressure: Option<Pressure>,
     pub record: MapRecord,
-    /// Why there is no pressure, if the method is calibrated.
+    /// Why the calibration gives no pressure; `None` if it does, or without a calibration.
     pub refused: Option<String>,
-    /// What the tracked baseline says of the frame.
+    /// The comparison of the frame with the tracked baseline.
     pub tracked: Option<Tracked>,
-    /// What the map was made of: the frame, and what it was compared with.
+    /// The frame, and the readings that it was compared with.
     readings: Vec<Reading>,
     baseline: Vec<Reading>,
 }
 
 impl Mapped {
-    /// Whether the tracked baseline judged the frame.
+    /// Whether the frame was judged against the tracked baseline.
     fn is_judged(&self) -> bool {
         let tracked = self.tracked.as_ref();
         tracked.is_some_and(|tracked| tracked.judgement != Judgement::Unknown)
@@ -114,30 +114,30 @@ pub(crate) enum MapOutcome {
     Ready(Box<TimedOutcome>),
     /// Not ready; returned later by [`ReconstructionWorker::late`].
     Late,
-    /// An earlier map is still being computed: this frame has none.
+    /// An earlier map is still being computed: this frame gets none.
     Busy,
     /// The method is not used any more.
     Suspended,
 }
 
-/// What the thread of maps is asked for.
+/// A request to the thread that computes maps.
 enum Request {
     Frame(FrameRequest),
-    /// An order of a person to the tracked baseline, for the frames after it.
+    /// An operator's order to the tracked baseline, for the following frames.
     Order(TrackingOrder),
 }
 
-/// A frame for the thread of maps.
+/// A frame for the thread that computes maps.
 struct FrameRequest {
     readings: Vec<Reading>,
     sequence: u64,
     at_s: f64,
     wall_ns: i64,
-    /// Whether a map is wanted; otherwise the baseline only follows the frame.
+    /// Whether a map is wanted; otherwise only the tracked baseline is updated.
     map: bool,
 }
 
-/// Computes one map at a time, and follows the baseline through all frames.
+/// Computes one map at a time, and updates the tracked baseline with all frames.
 pub(crate) struct ReconstructionWorker {
     ask: Option<SyncSender<Request>>,
     answers: Receiver<TimedOutcome>,
@@ -145,15 +145,15 @@ pub(crate) struct ReconstructionWorker {
     follows: bool,
     /// Frames that the baseline could not follow, because too many were waiting.
     not_followed: u64,
-    /// Orders for which the queue had no place yet.
+    /// Orders that did not fit in the queue yet.
     orders: VecDeque<TrackingOrder>,
-    /// Until its thread is started.
+    /// Taken when its thread is started.
     injections: Option<Injections>,
 }
 
 impl ReconstructionWorker {
-    /// `recorder` is notified whenever a map is ready. Blocks until the baseline is prepared to be followed, so that the first
-    /// frame does not wait for that.
+    /// Starts the thread. `recorder` is notified whenever a map is ready. Blocks until tracking of the baseline is
+    /// prepared, for [`PREPARATION_TIMEOUT`] at most, so that the first frame does not wait for that.
     ///
     /// # Errors
     /// No thread can be started.
@@ -174,7 +174,7 @@ impl ReconstructionWorker {
         std::thread::Builder::new()
             .name("maps".to_owned())
             .spawn(move || run(context, &requested, &answer, &recorder, &shared, ready))?;
-        // it ends with the thread's preparation, whether that succeeded or not
+        // the sender is dropped after the preparation, or by a panic
         let follows = match prepared.recv_timeout(PREPARATION_TIMEOUT) {
             Ok(follows) => follows,
             Err(RecvTimeoutError::Timeout) => wanted,
@@ -191,7 +191,7 @@ impl ReconstructionWorker {
         })
     }
 
-    /// Lets the baseline follow a frame that gets no map.
+    /// Updates the tracked baseline with a frame that gets no map.
     pub(crate) fn follow(&mut self, frame: &Frame) {
         if !self.follows {
             return;
@@ -207,7 +207,8 @@ impl ReconstructionWorker {
         }
     }
 
-    /// Starts to take the readings of each injection; `None` where the baseline is not followed.
+    /// Starts the thread that receives the readings of each injection; `None` if the baseline is not tracked or the
+    /// thread was already started.
     pub(crate) fn take_injections(&mut self) -> Option<mpsc::Sender<InjectionReadings>> {
         let injections = self.injections.take().filter(|_| self.follows)?;
         let started = injections.start();
@@ -216,18 +217,18 @@ impl ReconstructionWorker {
             .ok()
     }
 
-    /// Whether the baseline is followed.
+    /// Whether the baseline is tracked.
     pub(crate) fn follows(&self) -> bool {
         self.follows && self.ask.is_some()
     }
 
-    /// Gives an order of a person to the tracked baseline, for the frames after this call.
+    /// Gives an operator's order to the tracked baseline, for the frames after this call.
     pub(crate) fn order(&mut self, order: TrackingOrder) {
         self.orders.push_back(order);
         self.send_orders();
     }
 
-    /// An order that finds no place in the queue is sent before the next frame that does.
+    /// Sends the waiting orders. An order that does not fit in the queue is sent before the next frame.
     fn send_orders(&mut self) {
         while let (Some(ask), Some(order)) = (&self.ask, self.orders.front()) {
             match ask.try_send(Request::Order(*order)) {
@@ -238,12 +239,13 @@ impl ReconstructionWorker {
         }
     }
 
-    /// Frames that the baseline could not follow since the last call.
+    /// Number of frames that the baseline could not follow since the last call.
     pub(crate) fn take_not_followed(&mut self) -> u64 {
         std::mem::take(&mut self.not_followed)
     }
 
-    /// Requests a map and waits for it, at most two seconds; a quarter of a second if others are waiting (`busy`).
+    /// Requests a map and waits for it, for [`MAP_TIMEOUT`] at most, or [`BUSY_MAP_TIMEOUT`] if other frames are
+    /// waiting (`busy`).
     pub(crate) fn make(&mut self, frame: &Frame, busy: impl Fn() -> bool) -> MapOutcome {
         if self.under_way {
             self.follow(frame);
@@ -286,14 +288,14 @@ impl ReconstructionWorker {
         }
     }
 
-    /// Ends the thread, and waits until it has kept the tracked baseline and the last quantities, twice as long as for a map at most.
-    /// Returns the late map, if it was made by then.
+    /// Ends the thread, and waits until it has stored the tracked baseline and the last quantities, for twice
+    /// [`MAP_TIMEOUT`] at most. Returns the late map, if it is ready by then.
     pub(crate) fn finish(&mut self) -> Option<TimedOutcome> {
         self.ask = None;
         let until = Instant::now() + 2 * MAP_TIMEOUT;
         let left = || until.saturating_duration_since(Instant::now());
         let mut last = None;
-        // fails when the thread has ended, or time is over
+        // fails when the thread has ended, or after the timeout
         while let Ok(made) = self.answers.recv_timeout(left()) {
             last = Some(self.arrived(made));
         }
@@ -324,7 +326,7 @@ fn request(frame: &Frame, map: bool) -> Request {
     })
 }
 
-/// The thread of maps, until no more frames come or the method's code fails.
+/// The thread that computes maps; ends when the worker is dropped or the method's code fails.
 fn run(
     mut context: ReconstructionContext,
     requested: &Receiver<Request>,
@@ -333,7 +335,7 @@ fn run(
     shared: &SharedTracking,
     ready: SyncSender<bool>,
 ) {
-    // a method that fails here fails again with the first frame, where it is reported
+    // a method that panics here panics again with the first frame, where that is reported
     let noise = containment::run(|| context.noise()).ok().flatten();
     let mut remarks = Vec::new();
     let mut followed = context.start_to_follow(&mut remarks);
@@ -352,7 +354,7 @@ fn run(
             }
         };
         let begun = Instant::now();
-        // a failure costs maps, not the session
+        // a panic ends the maps, not the session
         let outcome =
             containment::run(|| context.make(&request, &mut followed, shared, noise, &mut remarks))
                 .unwrap_or_else(|panicked| Some(Err(Failure::Broken(panicked.message))));
@@ -379,7 +381,7 @@ fn run(
         if answer.send(made).is_err() {
             return;
         }
-        // a full queue wakes the recorder as well
+        // not needed if the queue is full: other messages wake the recorder, too
         if let Some(recorder) = recorder.upgrade() {
             let _ = recorder.try_send(RecorderMessage::MapReady);
         }
@@ -408,7 +410,7 @@ impl ReconstructionContext {
         imaging::map_noise(&self.model, &self.baseline.readings, self.reading_noise?)
     }
 
-    /// Starts to follow the baseline, if that is asked for and possible.
+    /// Starts tracking of the baseline, if that is configured and possible.
     fn start_to_follow(&mut self, remarks: &mut Vec<String>) -> Option<Followed> {
         let context = self.tracking.take()?;
         let started = containment::run(|| Followed::start(context, &self.baseline))
@@ -427,7 +429,7 @@ impl ReconstructionContext {
         }
     }
 
-    /// Starts to compute the standard deviation of maps for readers of the stream.
+    /// Starts the thread that computes the standard deviation of maps for readers of the stream.
     fn start_deviations(&self) -> Option<Deviations> {
         let method = Arc::clone(&self.model.reconstructor);
         Deviations::start(method, &self.status)
@@ -445,7 +447,7 @@ impl ReconstructionContext {
         }
     }
 
-    /// The map of a frame, after the baseline has followed it; `None` where no map is wanted.
+    /// Updates the tracked baseline with the frame and computes its map; `None` if no map is wanted.
     fn make(
         &self,
         request: &FrameRequest,

@@ -1,5 +1,5 @@
-//! Quantities of the maps of a session, in the thread of its maps. One row for each minute is stored beside the session, and the
-//! state of the quantities over time, which a resumed session continues.
+//! Quantities of the maps of a session, computed in the thread that computes maps. Next to the session file, one row
+//! for each minute is stored, and the state of the quantities over time, which a resumed session continues.
 
 use std::path::PathBuf;
 
@@ -13,45 +13,45 @@ use survey::error_chain as chain;
 
 use super::{Failure, Mapped};
 
-/// Time of frames between two states that are kept, s: what a power cut takes from dose and time without relief.
+/// Time between two stored states, s: dose and time without relief of this time are lost in a power cut.
 const KEPT_EVERY_S: f64 = 300.0;
-/// Time of frames between two with standard deviations, s: these cost 16 maps, which delay the frame.
+/// Minimum time between two frames with standard deviations, s: they cost the time of 16 maps, which delays the frame.
 const DEVIATION_EVERY_S: f64 = 1.0;
 
-/// What is needed for the quantities of a session.
+/// Inputs for the quantities of a session.
 pub(crate) struct QuantityContext {
     pub settings: QuantitySettings,
     pub regions: Vec<RegionSettings>,
     /// Folder of the sessions.
     pub folder: PathBuf,
-    /// The session, without its part.
+    /// Id of the session, without the number of its part.
     pub session: String,
-    /// Its last frame, if it is resumed; else 0.
+    /// Sequence of its last frame if it is resumed; otherwise 0.
     pub after: u64,
-    /// Standard deviations of quantities; `None` where the noise is not known, or a map takes too long for 16 of them.
+    /// Settings of the standard deviations of quantities; `None` if the noise is not known, or 16 maps take too long.
     pub deviation: Option<Deviation>,
 }
 
-/// Computes the quantities of frame after frame.
+/// Computes the quantities of each frame in turn.
 pub(super) struct Quantified {
     quantifier: Quantifier,
     rows: Rows,
     folder: PathBuf,
     session: String,
-    /// The last frame, and the time of the last state that was kept.
+    /// Sequence of the last frame.
     sequence: u64,
     kept_s: Option<f64>,
-    /// The last frame with standard deviations.
+    /// Time of the last frame with standard deviations, s.
     deviation_s: Option<f64>,
     /// Whether something could not be stored, which is reported once.
     failed: bool,
 }
 
 impl Quantified {
-    /// Goes on from the state of a resumed session.
+    /// Restores the stored state if the session is resumed. Adds remarks for the record.
     ///
     /// # Errors
-    /// A region that lies beside the maps of the session's model.
+    /// A region does not overlap the maps of the session's model.
     pub(super) fn new(
         context: QuantityContext,
         model: &Model,
@@ -98,7 +98,7 @@ impl Quantified {
         Ok(())
     }
 
-    /// The quantities of the next frame for which a map was wanted.
+    /// The quantities of the next frame for which a map was wanted; `at_s` is its time, s of the Unix epoch.
     pub(super) fn take(
         &mut self,
         sequence: u64,

@@ -76,7 +76,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes a late map, if it is ready.
+    /// Records the late map, if it is ready.
     pub(super) fn late_map(&mut self) -> Result<(), LogbookError> {
         match self.late_outcome() {
             Some(made) => self.arrived(made),
@@ -84,7 +84,7 @@ impl Recorder {
         }
     }
 
-    /// A late map, if it is ready.
+    /// The late map, if it is ready.
     pub(super) fn late_outcome(&mut self) -> Option<TimedOutcome> {
         match &mut self.task {
             Task::Maps { worker, .. } => worker.late(),
@@ -111,7 +111,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes the last late map at the end of the session.
+    /// Records the late map, if there is one, at the end of the session.
     pub(super) fn last_map(&mut self) -> Result<(), LogbookError> {
         let Task::Maps { worker, .. } = &mut self.task else {
             return Ok(());
@@ -136,8 +136,8 @@ impl Recorder {
         self.logbook.write_event(EventKind::Tracking, &text)
     }
 
-    /// Records an order to the tracked baseline, which then carries it out with the next frame; the number of that frame, or why it
-    /// cannot.
+    /// Records an order to the tracked baseline, which applies to the next frame. Returns the number of that frame, or
+    /// why the order cannot be carried out.
     pub(super) fn order_tracking(
         &mut self,
         order: TrackingOrder,

@@ -1,5 +1,5 @@
 //! The recorder, on a separate thread: computes quality and map of each frame, then passes it to the sinks, the logbook
-//! first. It waits for the map of the [`ReconstructionWorker`] for a limited time, then writes the frame without it.
+//! first. It waits a limited time for the map of the [`ReconstructionWorker`], then writes the frame without it.
 
 mod maps;
 #[cfg(test)]
@@ -26,12 +26,12 @@ use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
 use survey::error_chain as chain;
 
-/// Number of waiting frames from which maps are not awaited.
+/// Number of waiting frames from which a map is awaited only briefly.
 const BUSY_QUEUE: usize = QUEUE / 2;
 
-/// Most frames written with one sync.
+/// Maximum number of frames written with one sync.
 const MOST_TOGETHER: usize = 64;
-/// Time between two checks for more of them.
+/// Time between two checks for more frames.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Records one session.
@@ -42,7 +42,7 @@ pub(crate) struct Recorder {
     sinks: Vec<Box<dyn FrameSink>>,
     checks: Checks,
     task: Task,
-    /// Whether frames always wait for their maps: those of a recording can wait.
+    /// Whether a frame waits for its map even if others are waiting, as the frames of a recording can.
     patient: bool,
 }
 
@@ -50,9 +50,9 @@ pub(crate) struct Recorder {
 // one per session: its size does not matter
 #[allow(clippy::large_enum_variant)]
 pub(crate) enum Task {
-    /// Average of this many frames.
+    /// Averages `wanted` frames.
     Baseline { frames: Vec<Frame>, wanted: u64 },
-    /// A map for each frame.
+    /// Computes maps of the frames.
     Maps {
         worker: ReconstructionWorker,
         /// The frame whose map is late.
@@ -76,8 +76,8 @@ impl Task {
 }
 
 impl Recorder {
-    /// Records frames in the logbook, and publishes the durable ones; with `patient`, frames are never recorded without
-    /// a map because others are waiting.
+    /// A recorder that writes frames to the logbook, and then publishes them. With `patient`, the wait for a map is not
+    /// shortened if other frames are waiting.
     pub(crate) fn new(logbook: LogbookSink, checks: Checks, task: Task, patient: bool) -> Self {
         let status = Arc::clone(&logbook.status);
         Self {
@@ -93,7 +93,7 @@ impl Recorder {
         }
     }
 
-    /// Also hands frames to this sink, after the others.
+    /// Adds a sink, which receives frames after the others.
     pub(crate) fn and_to(mut self, sink: Box<dyn FrameSink>) -> Self {
         self.sinks.push(sink);
         self
@@ -103,7 +103,7 @@ impl Recorder {
     /// called in an async task.
     ///
     /// # Errors
-    /// A disk error; everything acknowledged before is on disk, and the session is requested to stop.
+    /// A disk error. Everything acknowledged before is on disk, and the session has been requested to stop.
     pub(crate) fn run(
         mut self,
         mut orders: mpsc::Receiver<RecorderMessage>,
@@ -136,10 +136,10 @@ impl Recorder {
                     return Ok(None);
                 }
             };
-            // events about the disk reported meanwhile
+            // also writes events about the disk that were reported meanwhile
             if let Err(error) = outcome.and_then(|()| self.logbook.settle()) {
                 self.status.stop(&chain(&error));
-                // remaining orders are dropped
+                // remaining messages are dropped
                 orders.close();
                 while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
                     if let RecorderMessage::Frame(_) = order {
@@ -164,13 +164,13 @@ impl Recorder {
     ) -> Result<(), LogbookError> {
         let mut taken: Vec<Published> = Vec::with_capacity(frames.len());
         let (mut left, patient) = (frames.len(), self.patient);
-        // of the frames of this call, the one whose map is late
+        // index of the frame of this call whose map is late
         let mut late = None;
         let mut sequence = self.logbook.acknowledged();
         for mut frame in frames {
             left -= 1;
             match late.and_then(|index: usize| taken.get_mut(index)) {
-                // it is not written yet
+                // the frame is not written yet
                 Some(awaits) => {
                     if let Some(made) = self.late_outcome() {
                         late = None;
@@ -221,8 +221,8 @@ impl Recorder {
         }
     }
 
-    /// Records the end of the session after a failed write: the end may be writable even if the frames were not. If
-    /// not, its end mark records it.
+    /// Tries to record the end of the session after a failed write: the end may be writable even if the frames were
+    /// not. Otherwise only the end mark records it.
     fn close_if_possible(&mut self) {
         let (at, reason) = (self.logbook.clock.wall(), self.status.stop_reason());
         if let Err(error) = self.logbook.end(at, &reason) {
@@ -230,7 +230,7 @@ impl Recorder {
         }
     }
 
-    /// Averages the frames, if there are as many as requested.
+    /// Averages and records the frames of a baseline, if there are as many as requested.
     fn keep_baseline(&mut self, at: DateTime<Utc>) -> Result<Option<Baseline>, LogbookError> {
         let made = match &self.task {
             Task::Baseline { frames, wanted } if frames.len() as u64 >= *wanted => {
@@ -255,7 +255,7 @@ impl Recorder {
     }
 }
 
-/// Collects the waiting frames, and those that arrive `within` this time, up to the next other order.
+/// Collects the waiting frames, and those that arrive `within` this time, up to the next message of another kind.
 fn gather(
     first: Frame,
     orders: &mut mpsc::Receiver<RecorderMessage>,
@@ -267,7 +267,7 @@ fn gather(
     while waiting.is_empty() && frames.len() < MOST_TOGETHER {
         match orders.try_recv() {
             Ok(RecorderMessage::Frame(frame)) => frames.push(*frame),
-            // checked with every frame
+            // both are checked with every frame anyway
             Ok(RecorderMessage::MapReady | RecorderMessage::CheckFile) => {}
             Ok(other) => waiting.push_back(other),
             Err(TryRecvError::Empty) if began.elapsed() < within => {

@@ -10,7 +10,7 @@ use crate::recording::recorder::tests::*;
 /// Page limit of the record.
 const PAGES: u32 = 6400;
 
-/// Data that fill the record to its last page, and the last page of its events.
+/// Data that fill the last page of the events, and all other pages of the record.
 struct Filler(Connection);
 
 impl Filler {
@@ -48,7 +48,7 @@ impl Filler {
     }
 }
 
-/// Waits until acquisition is held; panics if the session ends instead.
+/// Waits until acquisition is held; panics if the end of the session is requested instead.
 fn held(status: &SessionStatus) {
     let mut held = status.held();
     let mut over = status.stop_request();
@@ -83,7 +83,7 @@ fn event_on_a_full_disk_waits_and_ends_no_session() {
     scene.frame(1);
     until(scene.status.follow_durable(), |durable| *durable == 1);
 
-    // an event of the recorder itself, before the frame
+    // an event of the recorder itself, written before the frame
     let ballast = Filler::load(&scene.status.path());
     tell.send(Do::Panic).unwrap();
     scene.frame(2);
@@ -95,7 +95,7 @@ fn event_on_a_full_disk_waits_and_ends_no_session() {
     until(scene.status.follow_durable(), |durable| *durable == 2);
     until(scene.status.held(), |held| !held);
 
-    // an event from outside, with no frame to come: acquisition is released as well
+    // an event from another task, not followed by a frame: acquisition is released as well
     let ballast = Filler::load(&scene.status.path());
     let text = "a longer sentence than fits beside the ballast. ".repeat(4);
     scene.send(RecorderMessage::Event(Event::new(

@@ -28,7 +28,7 @@ const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-t
 const AMPLE_SPACE: u64 = 100_000_000_000;
 const MEGABYTE: u64 = 1_000_000;
 
-/// What the method does with the next frame.
+/// The action of the method for the next frame.
 enum Do {
     Map,
     Panic,
@@ -176,7 +176,7 @@ impl Scene {
         self.orders.try_send(order).unwrap();
     }
 
-    /// The file of a session that a ring may delete.
+    /// Creates a closed session, which may be deleted to free space; returns its file.
     fn closed_session(&self) -> PathBuf {
         let setup = &self.prepared.setup;
         let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
@@ -226,7 +226,7 @@ impl Scene {
     }
 }
 
-/// Awaits an action of another thread, under the deadline of the test runner.
+/// Waits for an action of another thread; the test runner limits the time.
 fn until<T: 'static>(mut follow: tokio::sync::watch::Receiver<T>, is: impl FnMut(&T) -> bool) {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .build()
@@ -234,7 +234,7 @@ fn until<T: 'static>(mut follow: tokio::sync::watch::Receiver<T>, is: impl FnMut
     runtime.block_on(follow.wait_for(is)).unwrap();
 }
 
-/// From the hundredth frame on, frames belong to another day by the wall clock only.
+/// A frame. From number 100 on, its wall time is on another day; its monotonic time is not.
 fn frame(prepared: &Prepared, number: u64) -> Frame {
     let setup = &prepared.setup;
     let readings = (0..setup.protocol.len() as u64).map(|k| {
@@ -291,7 +291,7 @@ fn late_map_follows_its_frame_and_later_frames_have_none() {
     let (scene, recorder, queue, tell) = Scene::new();
     let (go, gate) = sync::channel();
     tell.send(Do::MapAfter(gate)).unwrap();
-    // so many frames are queued that the recorder does not wait for maps
+    // so many frames are queued that the recorder waits for maps only briefly
     let many = BUSY_QUEUE as u64 + 2;
     for number in 1..=many {
         scene.frame(number);
@@ -307,7 +307,7 @@ fn late_map_follows_its_frame_and_later_frames_have_none() {
     let (maps, events) = scene.recorded();
     assert_eq!(maps.iter().filter(|map| **map).count(), 1);
     assert!(maps[0] && maps.len() as u64 == many);
-    // reported for the first, the second, the fourth, the eighth
+    // reported for the first, second, fourth and eighth frame without a map
     assert!(
         events.iter().all(|kind| kind == "maps-missed") && events.len() == 4,
         "{events:?}"
@@ -324,13 +324,13 @@ fn late_map_is_of_its_frame_among_frames_written_together() {
         scene.frame(number);
         tell.send(Do::Map).unwrap();
     }
-    // the event that the second frame has no map waits for this lock, and the third frame for the event
+    // the event about the missing map of the second frame waits for this lock, and the third frame waits for the event
     let lock = rusqlite::Connection::open(scene.status.path()).unwrap();
     lock.execute_batch("BEGIN IMMEDIATE").unwrap();
     let recording = std::thread::spawn(move || recorder.run(queue));
     until(scene.status.held(), |held| *held);
     go.send(()).unwrap();
-    // the map of the first frame is announced in the queue, from which all frames were taken
+    // all frames were taken from the queue: the next message in it announces the map of the first frame
     while scene.orders.capacity() == QUEUE {
         std::thread::yield_now();
     }
@@ -459,7 +459,7 @@ fn a_ring_that_can_delete_nothing_waits_for_space() {
     });
     tell.send(Do::Map).unwrap();
     let path = scene.closed_session();
-    // a folder in place of the log of deletions: it cannot be written
+    // a folder in place of the log of deletions, which can therefore not be written
     let folder = &scene.prepared.setup.record_directory;
     std::fs::create_dir(folder.join("pruned.jsonl")).unwrap();
     scene.free.store(0, Ordering::SeqCst);

@@ -1,4 +1,4 @@
-//! Parts of a session.
+//! Tests of the parts of a session.
 
 use crate::recording::recorder::tests::*;
 
@@ -18,7 +18,7 @@ fn part_of_a_new_day_begins_when_a_lock_is_released() {
     durable(1);
     let lock = rusqlite::Connection::open(&first).unwrap();
     lock.execute_batch("BEGIN IMMEDIATE").unwrap();
-    // of the next day
+    // a frame of the next day
     scene.frame(100);
     until(scene.status.held(), |held| *held);
     lock.execute_batch("ROLLBACK").unwrap();
