@@ -14,7 +14,7 @@ pub enum ChannelEntry {
     Range(u32, u32),
 }
 
-/// A channel list as written. Ranges are kept as ranges, because only the instrument knows which channels they contain.
+/// A channel list as written. Ranges are kept as ranges, because which channels they contain depends on the instrument.
 ///
 /// ```
 /// let list: scpi::ChannelList = "(@1001, 1003:1010)".parse()?;

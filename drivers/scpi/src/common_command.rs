@@ -1,4 +1,4 @@
-//! The common commands of IEEE 488.2 that every instrument here answers, as values.
+//! Common commands of IEEE 488.2 as values, shared by the SCPI instruments of this workspace.
 
 use std::fmt;
 
@@ -9,9 +9,9 @@ use crate::{Call, ParseError};
 pub enum Common {
     /// `*IDN?`: maker, model, serial number, firmware.
     Identify,
-    /// `*RST`: settings as after power on.
+    /// `*RST`: reset the settings to their values after power on.
     Reset,
-    /// `*CLS`: events and error queue cleared.
+    /// `*CLS`: clear the event registers and the error queue.
     ClearStatus,
     /// `*ESE`: enable mask of the standard event register.
     SetEventEnable(u8),
@@ -29,7 +29,7 @@ pub enum Common {
     OperationComplete,
     /// `*OPC?`: reply 1 when all pending operations are complete.
     WhenComplete,
-    /// `*WAI`: carry out no further command before all pending operations are complete.
+    /// `*WAI`: execute no further command before all pending operations are complete.
     Wait,
     /// `*TST?`: 0 when the self-test passes.
     SelfTest,

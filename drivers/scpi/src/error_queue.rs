@@ -17,7 +17,7 @@ pub struct ErrorEntry {
 }
 
 impl ErrorEntry {
-    /// An entry; the text without quotes.
+    /// Creates an entry from its number and its text without quotes.
     pub fn new(code: i32, message: impl Into<String>) -> Self {
         Self {
             code,
@@ -76,7 +76,7 @@ pub struct ErrorQueue {
 }
 
 impl ErrorQueue {
-    /// A queue for this many entries (one at least).
+    /// An empty queue for `depth` entries, at least one.
     pub fn new(depth: usize) -> Self {
         Self {
             depth: depth.max(1),

@@ -17,7 +17,7 @@ enum LexState {
     Gap,
     /// Inside a header or datum.
     Word,
-    /// Inside a string that this byte ends.
+    /// Inside a string; the byte is its closing quote.
     Quoted(u8),
     /// After a `#` at a position where a block may start.
     Hash,

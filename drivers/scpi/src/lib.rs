@@ -1,12 +1,13 @@
-//! The grammar of SCPI, both directions, no I/O.
+//! The grammar of SCPI in both directions, without I/O.
 //!
 //! The instrument's side has framing, headers, arguments, the error queue and status registers; the client's side
-//! writes numbers and lists and parses replies. Bytes are passed in as arguments; the crate does not wait, reads no clock
-//! and knows no instrument. Invalid text is an error, never a guess: a [`ParseError`] with the standard's error number on
-//! the instrument's side, a [`ReplyError`] on the client's side; 9.9E37 is [`Answer::Overload`], never a voltage.
+//! writes numbers and lists and parses replies. Bytes are passed in as arguments; the crate does not wait, reads no
+//! clock and contains no command of a particular instrument. Invalid text is an error: a [`ParseError`] with the
+//! standard's error number on the instrument's side, a [`ReplyError`] on the client's side. 9.9E37 is
+//! [`Answer::Overload`], never a voltage.
 //!
 //! - **message**: one line; **call**: one unit between semicolons, its header resolved by the path rule
-//! - **notation**: a header as manuals print it, `[SOURce]:CURRent[:LEVel]`; **argument**: one typed datum of a call
+//! - **notation**: a header as in manuals, `[SOURce]:CURRent[:LEVel]`; **argument**: one typed datum of a call
 //! - **answer**: one number of a reply; **register**, **queue**: an instrument's record of its events and errors
 //!
 //! ```

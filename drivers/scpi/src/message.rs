@@ -36,7 +36,7 @@ pub fn parse_message(message: impl AsRef<[u8]>) -> Vec<Result<Call, ParseError>>
     }
 }
 
-/// Commands written in short form from the root, as one message: `SOUR:CURR 1E-3;:SOUR:CURR?;*OPC?`.
+/// Joins commands, each written in short form from the root, to one message: `SOUR:CURR 1E-3;:SOUR:CURR?;*OPC?`.
 pub fn join_units(commands: &[impl fmt::Display]) -> String {
     let mut message = String::new();
     for command in commands {

@@ -1,4 +1,4 @@
-//! The client's side: numbers, strings and blocks written as text, and replies parsed.
+//! The client's side: writes numbers, strings and blocks as text, and parses replies.
 
 /// The value that SCPI uses for an infinite or overloaded value (SCPI-99 volume 1, section 7.2.1.4).
 pub const INFINITY: f64 = 9.9e37;
@@ -109,7 +109,7 @@ pub(crate) fn plain_number(text: &str) -> Option<f64> {
 /// Reads a list of numbers joined by commas.
 ///
 /// # Errors
-/// The first item that is no number; an empty list.
+/// The first item that is not a number; an empty list.
 pub fn parse_readings(text: &str) -> Result<Vec<Answer>, ReplyError> {
     text.split(',').map(parse_reading).collect()
 }
@@ -137,7 +137,8 @@ pub fn parse_boolean(text: &str) -> Result<bool, ReplyError> {
     }
 }
 
-/// Writes a number as NR3, `1.000000E-06` for 6 decimals. Infinite values become 9.9E37, not-a-numbers 9.91E37.
+/// Writes a number as NR3, `1.000000E-06` for 6 decimals. An infinite value becomes 9.9E37 with its sign, NaN
+/// becomes 9.91E37.
 pub fn format_nr3(value: f64, decimals: usize) -> String {
     let reserved = if value.is_nan() {
         NOT_A_NUMBER

@@ -71,7 +71,7 @@ fn mask(bit: u8) -> u16 {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum StandardEvent {
-    /// Bit 0: pending work done, after `*OPC`.
+    /// Bit 0: all pending operations are complete, after `*OPC`.
     OperationComplete = 0,
     /// Bit 2: a reply was lost or not available.
     QueryError = 2,
@@ -83,7 +83,7 @@ pub enum StandardEvent {
     CommandError = 5,
     /// Bit 6: a key was pressed.
     UserRequest = 6,
-    /// Bit 7: power came on.
+    /// Bit 7: power was switched on.
     PowerOn = 7,
 }
 
@@ -104,17 +104,17 @@ impl StandardEvent {
     }
 }
 
-/// The whole status system: four groups, the standard events, and the status byte. The measurement group is Keithley's,
-/// the alarm group Agilent's; an instrument without a group leaves it alone.
+/// The whole status system: four groups, the standard events, and the status byte. Only Keithley's instruments have the
+/// measurement group, only Agilent's the alarm group; a group that an instrument lacks stays unused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StatusModel {
-    /// Measurement group, summed up in status bit 0.
+    /// Measurement group, summarised in bit 0 of the status byte.
     pub measurement: StatusRegister,
-    /// Alarm group, summed up in status bit 1.
+    /// Alarm group, summarised in bit 1 of the status byte.
     pub alarm: StatusRegister,
-    /// Questionable group, summed up in status bit 3.
+    /// Questionable group, summarised in bit 3 of the status byte.
     pub questionable: StatusRegister,
-    /// Operation group, summed up in status bit 7.
+    /// Operation group, summarised in bit 7 of the status byte.
     pub operation: StatusRegister,
     standard: u8,
     standard_enable: u8,
@@ -151,7 +151,7 @@ impl StatusModel {
         self.standard_enable
     }
 
-    /// Carries out `*ESE`.
+    /// Executes `*ESE`.
     pub fn set_standard_enable(&mut self, enable: u8) {
         self.standard_enable = enable;
     }
@@ -161,7 +161,7 @@ impl StatusModel {
         self.service_enable
     }
 
-    /// Carries out `*SRE`. Bit 6 cannot be enabled (IEEE 488.2 section 11.3.2).
+    /// Executes `*SRE`. Bit 6 cannot be enabled (IEEE 488.2 section 11.3.2).
     pub fn set_service_enable(&mut self, enable: u8) {
         self.service_enable = enable & !MASTER_SUMMARY;
     }
@@ -182,7 +182,7 @@ impl StatusModel {
         }
     }
 
-    /// The registers' part of `*CLS`: clears the events and keeps the enable masks.
+    /// Executes `*CLS` on the registers: clears the events and keeps the enable masks.
     pub fn clear(&mut self) {
         self.measurement.clear();
         self.alarm.clear();

@@ -12,8 +12,8 @@ use crate::rpc::{Call, MalformedArguments, Reader, Writer, marked, read_record, 
 
 /// Longest record accepted from an instrument, bytes.
 const LARGEST_RECORD: usize = 64 * 1024;
-/// Timeout for an operation, and for another client's lock, that is sent to the instrument, ms. The client itself waits
-/// as long as its connection lasts: callers set a limit.
+/// Timeout sent to the instrument for an operation, and for another client's lock, ms. The client itself waits as long
+/// as its connection lasts: callers set a limit.
 const OPERATION_MS: u32 = 2000;
 /// Transaction number (xid) of the first call.
 const FIRST_CALL: u32 = 0x7461_6374;
@@ -125,12 +125,12 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
     }
 }
 
-/// Queries port mappers for their VXI-11 core channels by a broadcast: from one of this machine's addresses, to a
-/// broadcast address and a port (a port mapper's own is 111). Returns the replies received until the deadline; a host
-/// without a core channel replies with port 0 and is left out.
+/// Queries port mappers for their VXI-11 core channels by a broadcast from an address of this machine to a broadcast
+/// address and port (port mappers listen on 111). Returns the addresses of the core channels that replied before
+/// `until`; a host without a core channel replies with port 0 and is left out.
 ///
 /// # Errors
-/// The request cannot be sent.
+/// The request cannot be sent from this address.
 pub async fn find_core_channels(
     from: Ipv4Addr,
     to: Ipv4Addr,

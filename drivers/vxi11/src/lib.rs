@@ -1,9 +1,9 @@
 //! VXI-11 over ONC RPC, version 2 (RFC 5531), on TCP: the server of an instrument's core channel, and a client.
 //!
-//! The server implements version 1 of the core program with all its procedures but the interrupt channel and `docmd`, and
-//! the abort program on the same port. The instrument's behaviour is behind the trait [`Device`]. The client finds core
-//! channels by a broadcast to port mappers and queries the identities of instruments. Records, links and queues are
-//! bounded. SCPI and the simulated instruments are left to other crates.
+//! The server implements version 1 of the core program with all its procedures except the interrupt channel and
+//! `docmd`, and the abort program on the same port. The instrument's behaviour is behind the trait [`Device`]. The
+//! client exchanges messages over links to a core channel, and finds core channels by a broadcast to port mappers.
+//! Records, links and queues are bounded. The crate parses no SCPI and contains no instrument.
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> std::io::Result<()> {

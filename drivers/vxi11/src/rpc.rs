@@ -121,7 +121,7 @@ pub(crate) struct Call {
 }
 
 impl Call {
-    /// Reads the header of a call; the reader then holds its arguments.
+    /// Reads the header of a call; its arguments remain in the reader.
     pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self, MalformedArguments> {
         let xid = reader.word()?;
         if reader.word()? != CALL {
@@ -171,11 +171,11 @@ pub(crate) enum Reply {
     NoVersion(u32),
     NoProcedure,
     GarbageArguments,
-    /// Rejected: another version of RPC itself.
+    /// Rejected: the call has another version of RPC.
     Denied,
 }
 
-/// The results in an accepted and successful reply to the call of that number; `None` for any other record.
+/// The results in an accepted and successful reply to the call with this xid; `None` for any other record.
 pub(crate) fn results(record: &[u8], xid: u32) -> Option<Reader<'_>> {
     let mut reader = Reader::new(record);
     let head = [

@@ -133,7 +133,7 @@ impl Argument {
         Ok(rounded as i64)
     }
 
-    /// Reads a boolean: ON, OFF, or a number, of which all but (rounded) 0 is true (SCPI-99 volume 1, section 7.3).
+    /// Reads a boolean: ON, OFF, or a number, which is true unless it rounds to 0 (SCPI-99 volume 1, section 7.3).
     ///
     /// # Errors
     /// -224 for another word, -138 for a number with a unit, -158, -168, -178 for another type.

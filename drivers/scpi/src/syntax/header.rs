@@ -35,8 +35,8 @@ impl Node {
 }
 
 /// A header in the notation of manuals: capitals are the short form, brackets an optional node, `<n>` a numeric suffix
-/// (1 when left out), a leading `*` a common command, a trailing `?` a query. Without the `?` both command and query
-/// match.
+/// (1 when left out), a leading `*` a common command, a trailing `?` a query. A notation without `?` matches both
+/// command and query.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
     nodes: Vec<Node>,
@@ -48,7 +48,7 @@ impl Pattern {
     /// Parses the notation.
     ///
     /// # Panics
-    /// If the notation is malformed: it is part of the program, not of its input.
+    /// If the notation is malformed. It is part of the program, not of its input.
     pub fn new(notation: &str) -> Self {
         let (path, query) = match notation.strip_suffix('?') {
             Some(path) => (path, true),

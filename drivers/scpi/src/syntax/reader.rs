@@ -20,7 +20,7 @@ impl<'a> Reader<'a> {
         self.rest.is_empty()
     }
 
-    /// Reads a unit, from its first byte to its semicolon.
+    /// Reads a unit up to its semicolon. `path` holds the parent nodes of the header before it.
     pub(crate) fn call(&mut self, path: &[String]) -> Result<Call, ParseError> {
         let from_root = self.skip_byte(b':');
         let common = self.skip_byte(b'*');
@@ -119,7 +119,7 @@ impl<'a> Reader<'a> {
         Ok(Argument::Number { value, suffix })
     }
 
-    /// An argument that starts with `#`: a definite block, or a number to base 16, 8 or 2.
+    /// Reads an argument that starts with `#`: a definite block, or a number to base 16, 8 or 2.
     fn hash(&mut self) -> Result<Argument, ParseError> {
         let radix = match self.rest.get(1) {
             Some(b'h' | b'H') => 16,

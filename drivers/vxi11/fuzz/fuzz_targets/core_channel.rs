@@ -131,7 +131,7 @@ async fn converse(sent: Vec<u8>) {
 fuzz_target!(|bytes: &[u8]| {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     let runtime = builder.enable_time().start_paused(true).build().expect("a runtime");
-    // a client may ask each of its calls to wait twice for 50 days: for a lock, and for an answer
+    // each call may request two waits of up to 50 days: for a lock, and for a reply
     let limit = Duration::from_secs(86_400 * 36_500);
     let talk = async { tokio::time::timeout(limit, converse(records(bytes))).await };
     runtime.block_on(talk).expect("no conversation hangs");

@@ -21,11 +21,11 @@ use crate::server::port::Port;
 const LARGEST_WRITE: usize = 16 * 1024;
 /// Largest amount of data in one reply to device_read, bytes.
 const LARGEST_READ: usize = 1024 * 1024;
-/// Longest record: common clients send a long message in one record, whatever limit they were given.
+/// Longest record, bytes: common clients send a long message in one record, even if it exceeds [`LARGEST_WRITE`].
 const LARGEST_RECORD: usize = 256 * 1024;
 /// Most links per connection.
 const LINKS: usize = 16;
-/// The instrument's name.
+/// The name of the instrument in create_link.
 const NAME: &[u8] = b"inst0";
 /// Buffer size of an in-memory connection, bytes.
 const PIPE: usize = 64 * 1024;
@@ -321,8 +321,8 @@ impl<D: Device> Links<D> {
         known.then_some(()).ok_or(Fault::InvalidLink)
     }
 
-    /// The arguments that many procedures share: link, flags, lock timeout, I/O timeout. Returns the link and the
-    /// deadline.
+    /// Reads the arguments that many procedures share (link, flags, lock timeout, I/O timeout) and waits until no other
+    /// link holds the lock. Returns the link and the deadline of the I/O timeout.
     async fn generic(
         &self,
         arguments: &mut Reader<'_>,

@@ -34,7 +34,8 @@ pub trait Session: Send + Sync + 'static {
     /// The instrument can no longer reply; reads of the link then fail.
     fn begin(&self, message: Vec<u8>) -> impl Future<Output = io::Result<Self::Received>> + Send;
 
-    /// Waits as long as the instrument needs and returns the bytes of its reply; empty if it has no reply.
+    /// Waits until the instrument has finished the message and returns the bytes of its reply; empty if it has no
+    /// reply.
     fn finish(&self, received: Self::Received) -> impl Future<Output = Vec<u8>> + Send;
 
     /// Reports an error that occurred outside any message.

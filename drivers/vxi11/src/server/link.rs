@@ -1,4 +1,4 @@
-//! A link: one client's connection to the instrument, with its own input buffer and output queue.
+//! A link: one client's session with the instrument, with its own input buffer and output queue.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -9,14 +9,14 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::server::device::{MessageFramer, Refusal, Session};
 
-/// Most messages waiting to be received; a writer then waits as well.
+/// Maximum number of messages waiting for execution; further writes wait.
 const WAITING: usize = 16;
 /// Why a read ended (VXI-11, B.6.5).
 const BY_COUNT: u32 = 1;
 const BY_CHARACTER: u32 = 2;
 const BY_END: u32 = 4;
 
-/// Codes of VXI-11, table B.2.
+/// Error codes of VXI-11, table B.2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub(super) enum Fault {
@@ -126,7 +126,7 @@ impl<S: Session> Link<S> {
         &self.session
     }
 
-    /// Adds received bytes; `end` ends a message as a line feed does.
+    /// Adds received bytes; with `end` a message ends after them, as after a line feed.
     pub(super) async fn write(
         &mut self,
         data: &[u8],
@@ -153,7 +153,7 @@ impl<S: Session> Link<S> {
         Ok(())
     }
 
-    /// A group execute trigger, executed after the messages that arrived before it. It interrupts no reply.
+    /// A group execute trigger, executed after the messages that arrived before it. It discards no unread reply.
     pub(super) async fn trigger(&self, deadline: Instant) -> Result<(), Fault> {
         self.take_in(Input::Trigger, deadline).await
     }

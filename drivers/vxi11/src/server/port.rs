@@ -51,7 +51,10 @@ impl<D: Device> Port<D> {
         held
     }
 
-    /// Waits until no other link holds the lock, and acquires it if requested.
+    /// Waits until no other link holds the lock, and acquires it if `take` is set.
+    ///
+    /// # Errors
+    /// [`Fault::LockedByAnother`] at the deadline, or at once without `wait`.
     pub(super) async fn pass(
         &self,
         link: u32,
