@@ -12,8 +12,8 @@ use crate::moves::state_after;
 
 /// A multiplexer board on the lines of a chip.
 ///
-/// Every change is made in three steps: enables off, addresses, enables on. Each step is read back before the next: a
-/// line that does not follow stops the change, and every enable that can be switched off is switched off.
+/// Every change is made in three steps: enables off, addresses, enables on. Each step is read back before the next. A
+/// line that does not follow ends the change; every enable that can be switched off is then switched off.
 #[derive(Debug)]
 pub struct GpioBoard<C> {
     chip: C,
@@ -26,7 +26,8 @@ impl<C: GpioChip> GpioBoard<C> {
     /// Takes the lines and switches every enable off.
     ///
     /// # Errors
-    /// [`LinkError::Lost`] for a chip that is gone, a line that stays on, more electrodes than two chips a pole have.
+    /// [`LinkError::Lost`] for a chip that is gone, [`RigError::StillClosed`] for an enable that stays on,
+    /// [`RigError::Unable`] for more electrodes than the 32 of two chips a pole.
     pub fn new(chip: C, electrodes: usize, settling: Duration) -> Result<Self, RigError> {
         let instrument = format!("GPIO board on {}", chip.name());
         let mut board = Self {
@@ -63,7 +64,7 @@ impl<C: GpioChip> GpioBoard<C> {
         self.refuse_joined(|_| true)
     }
 
-    /// An error that names the closed relays among those that `meant` selects, if there are any.
+    /// Fails with [`RigError::StillClosed`] if any relay that `meant` selects is closed.
     fn refuse_joined(&mut self, meant: impl Fn(Relay) -> bool) -> Result<(), RigError> {
         let joined = self.levels()?.joined();
         let relays: Vec<Relay> = joined.into_iter().filter(|relay| meant(*relay)).collect();
@@ -81,7 +82,8 @@ impl<C: GpioChip> GpioBoard<C> {
         outcome.map_err(|fault| self.broken(fault))
     }
 
-    /// As the broken link of a serial board: the chip may come back, and its lines must then be requested again.
+    /// The error for a chip that cannot be used: the same as for the broken link of a serial board, because its lines
+    /// must be requested again when the chip is back.
     fn broken(&self, fault: GpioFault) -> RigError {
         RigError::Link(LinkError::Lost {
             instrument: self.instrument.clone(),
@@ -118,8 +120,8 @@ impl<C: GpioChip> GpioBoard<C> {
             if wrong != 0 {
                 let line = Line::all().find(|line| line.mask() & wrong != 0);
                 let name = line.map_or_else(String::new, |line| line.to_string());
-                // The line that did not follow is the error to report; the safe-off of the caller finds enables that
-                // stay on.
+                // The line that did not follow is reported; enables that stay on are found when the caller makes the
+                // rig safe.
                 self.all_off().ok();
                 return Err(RigError::Mismatch {
                     instrument: self.instrument.clone(),
@@ -170,7 +172,7 @@ impl<C: GpioChip> Switch for GpioBoard<C> {
                 mask |= Line::Enable(pole, chip).mask();
             }
         }
-        // a gpiochip refuses to set no line
+        // a gpiochip rejects a request without lines
         if mask != 0 {
             let outcome = self.chip.set(mask, 0);
             outcome.map_err(|fault| self.broken(fault))?;

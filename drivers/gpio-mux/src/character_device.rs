@@ -24,7 +24,7 @@ pub enum EnableLevel {
 /// The 24 lines on a gpiochip, all requested at once as outputs, with the enables off (fact sheet section 4).
 ///
 /// Dropping it releases the lines. Whether they keep their levels depends on the chip's driver; only the board's pull
-/// resistors are sure to open everything then.
+/// resistors open everything reliably.
 #[derive(Debug)]
 pub struct CharacterDevice {
     name: String,
@@ -34,10 +34,10 @@ pub struct CharacterDevice {
 }
 
 impl CharacterDevice {
-    /// Takes the lines by their names, as [`Line`] is written: `I+.S0` to `V-.EN_B`.
+    /// Takes the lines by their names, which are the text of [`Line`]: `I+.S0` to `V-.EN_B`.
     ///
     /// # Errors
-    /// A chip that does not exist, a name without a line, a line that another process has taken.
+    /// A chip that does not exist, a name that no line of the chip has, a line that another process has taken.
     pub fn by_names(path: &Path, enable: EnableLevel) -> Result<Self, GpioFault> {
         let fault = |reason: String| taken(path, reason);
         let chip = gpiocdev::Chip::from_path(path).map_err(|cause| fault(cause.to_string()))?;
@@ -97,7 +97,7 @@ impl CharacterDevice {
         builder.on_chip(PathBuf::from(path)).with_consumer(CONSUMER);
         for (line, offset) in Line::all().zip(&offsets) {
             builder.with_line(*offset).as_output(Value::Inactive);
-            // the kernel inverts active-low lines, so that a set enable always means on
+            // the kernel inverts active-low lines: an enable that is set is always on
             match (line, enable) {
                 (Line::Enable(..), EnableLevel::Low) => builder.as_active_low(),
                 _ => builder.as_active_high(),

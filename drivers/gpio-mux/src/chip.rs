@@ -19,10 +19,10 @@ pub trait GpioChip: Send {
     /// The chip's name for messages.
     fn name(&self) -> &str;
 
-    /// Sets the lines of a mask to the levels of `bits` in one call; the others stay.
+    /// Sets the lines in `mask` to their levels in `bits` in one call; the other lines keep their levels.
     ///
     /// # Errors
-    /// The chip is gone or rejects the request, as one for no line.
+    /// The chip is gone or rejects the request, for example one without lines.
     fn set(&mut self, mask: u32, bits: u32) -> Result<(), GpioFault>;
 
     /// Reads all lines back.

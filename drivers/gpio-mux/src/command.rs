@@ -1,11 +1,12 @@
-//! The board's line protocol in both directions: fact sheet section 5. Only this module contains its words.
+//! The board's line protocol in both directions: fact sheet section 5. No other module contains text of the protocol.
 //!
-//! Lines end in LF; every command has exactly one reply, so that a lost one is detected:
+//! Lines end in LF; every command has exactly one reply, so that a lost reply is detected:
 //!
 //! | command | reply |
 //! |---|---|
 //! | `*IDN?` | `<vendor>,GPIO-MUX,<serial>,<firmware>` |
-//! | `SET I+\|I-\|V+\|V- <electrode>\|OFF`, `PAIR I\|V <k>`, `OFF`, `WDOG <ms>`, `STAT?` | the four electrodes: `3,4,OFF,OFF` |
+//! | `SET I+\|I-\|V+\|V- <electrode>\|OFF`, `PAIR I\|V <k>` | the four electrodes: `3,4,OFF,OFF` |
+//! | `OFF`, `WDOG <ms>`, `STAT?` | the four electrodes |
 //! | `LAST?` | microseconds from the board's start to its last edge |
 //! | `SYST:ERR?` | `+0,"No error"` |
 //! | any rejected command | `ERR <code>,"<text>"` |
@@ -34,7 +35,7 @@ pub enum Pole {
 }
 
 impl Pole {
-    /// In the order of every reply.
+    /// All poles, in the order of every reply.
     pub const ALL: [Self; 4] = [Self::IPlus, Self::IMinus, Self::VPlus, Self::VMinus];
 
     /// Index in a [`State`].
@@ -122,7 +123,7 @@ pub enum Command {
     Set(Pole, Option<Electrode>),
     /// Connect an electrode to the plus pole and its neighbour to the minus pole.
     Pair(Pair, Electrode),
-    /// Open everything.
+    /// Open all connections.
     Off,
     /// Query the four electrodes.
     AskState,
@@ -130,7 +131,7 @@ pub enum Command {
     AskLastEdge,
     /// Query the oldest error and remove it.
     NextError,
-    /// All off unless a command arrives within this number of milliseconds; 0 disables the watchdog.
+    /// Set the watchdog, ms: it opens all connections if no command arrives for this long; 0 disables it.
     Watchdog(u32),
 }
 

@@ -1,7 +1,7 @@
 //! The board as a [`Switch`]: relay numbers in, line protocol out.
 //!
 //! The board replies to every move with the electrodes now on its poles, and each reply is compared with the intended
-//! state: a watchdog that has opened everything in between, or a reset of the board, is detected at the next command.
+//! state: the next command therefore detects that the watchdog has opened everything, or that the board was reset.
 
 use std::time::Duration;
 
@@ -16,8 +16,9 @@ use crate::moves::state_after;
 /// Options of the driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// The board opens everything when no command arrives for this long; zero disables the watchdog. It must be longer
-    /// than the longest reading: 200 cycles with a zero reading are 8 s.
+    /// The board opens everything when no command arrives for this long; zero disables the watchdog. Must be longer
+    /// than the longest reading (8 s for 200 power-line cycles with a zero reading), because no command is sent
+    /// meanwhile.
     pub watchdog: Duration,
     /// Wait after every move (section 3: 5 x (R_on + R_sample) x C_cable, at least 50 us).
     pub settling: Duration,
@@ -34,7 +35,7 @@ impl Default for Options {
 }
 
 /// Reads the line that a board sends when its port is opened, if it arrives in time: opening the port may reset the
-/// board (section 5). To be called before the stream becomes a [`Link`].
+/// board (section 5). Must be called before the stream becomes a [`Link`].
 pub async fn await_banner<S: AsyncRead + Unpin>(
     stream: &mut S,
     within: Duration,
@@ -62,7 +63,7 @@ pub struct GpioMux<S> {
     conversation: Conversation<S>,
     identity: String,
     settling: Duration,
-    /// As last reported; unknown after a fault.
+    /// The state last reported by the board; `None` after a fault.
     state: Option<State>,
 }
 
@@ -139,11 +140,11 @@ impl<S: Stream> GpioMux<S> {
         Ok(())
     }
 
-    /// After a lost or late reply: opens everything while the link is synchronised again.
+    /// After a lost or late reply: opens everything and resynchronises the link.
     async fn recover(&mut self) -> Result<(), RigError> {
         self.state = None;
         let off = (Command::Off.to_string(), State::default().to_string());
-        // Replies that no query of a frame has: no frame measures voltage with the current poles open.
+        // the reply to this probe cannot be that of an earlier command: no frame connects V+ alone
         let alone = State::default().with(Pole::VPlus, Some(Electrode(0)));
         let probe = Command::Set(Pole::VPlus, Some(Electrode(0))).to_string();
         let probes = [
@@ -167,7 +168,7 @@ impl<S: Stream> GpioMux<S> {
         })
     }
 
-    /// The state after the moves, or why they must not be made.
+    /// The state after the moves, or the error for moves that must not be made.
     fn target(&self, from: State, moves: &[Move]) -> Result<State, RigError> {
         let place = |relay| self.pole_and_electrode(relay);
         state_after(from, moves, place, |what| self.conversation.unable(what))
@@ -192,8 +193,8 @@ fn commands_between(from: State, to: State) -> Vec<(Command, State)> {
         if (state.on(plus), state.on(minus)) == (want_plus, want_minus) {
             continue;
         }
-        // The board computes the neighbour modulo its own number of electrodes, which is unknown here, so the last pair
-        // is set pole by pole.
+        // The board computes the neighbour modulo its number of electrodes, which the driver does not have: the last
+        // pair is set pole by pole.
         if let (Some(first), Some(second)) = (want_plus, want_minus)
             && second.0 == first.0 + 1
         {
@@ -214,8 +215,8 @@ fn commands_between(from: State, to: State) -> Vec<(Command, State)> {
 }
 
 impl<S: Stream> Switch for GpioMux<S> {
-    /// Moves every pole to the state after the moves. An open and a close of one pole are one command of the board,
-    /// which breaks before it makes. No move is deferred.
+    /// Moves every pole to the state after the moves. Opening and closing of one pole is one command; the board breaks
+    /// before it makes. No move is deferred.
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         let from = match self.state {
             Some(state) => state,

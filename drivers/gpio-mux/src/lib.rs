@@ -1,9 +1,10 @@
-//! The multiplexer board that connects any electrode to each of four poles, controlled by lines of text over a serial port.
+//! The multiplexer board that connects any electrode to each of four poles, controlled by lines of text over a serial
+//! port.
 //!
-//! Contains the line protocol in both directions, the driver that implements [`rig::Switch`] over it, and a simulator that
-//! records every edge of the board's lines. A board whose lines are on a gpiochip of this machine is driven through the
-//! trait [`GpioChip`], by the kernel's character device. Two electrodes on one pole, one electrode on both current poles,
-//! and every relay number that is not pole x 100 + electrode are errors.
+//! Contains the line protocol in both directions, the driver that implements [`rig::Switch`] over it, and a simulator
+//! that records every edge of the board's lines. [`GpioBoard`] drives a board whose lines are on a gpiochip of this
+//! machine, through the trait [`GpioChip`] and the kernel's character device. Two electrodes on one pole, one electrode
+//! on both current poles, and every relay number other than pole x 100 + electrode are errors.
 //!
 //! - **pole**: one of I+, I-, V+, V-; **state**: the electrode on each of them
 //! - **line**: one of the 24 control lines of the multiplexers; **levels**: the levels of all of them

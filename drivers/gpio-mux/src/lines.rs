@@ -1,8 +1,8 @@
 //! The board's 24 lines (fact sheet section 2): their numbers, and the connections that their levels make.
 //!
 //! Each pole has six lines: the address S0 to S3, shared by both chips, and an enable for each chip. Lines are numbered
-//! from 0, pole by pole in the order of [`Pole::ALL`]. Levels are logical: an enable that is set is on, whatever its
-//! polarity at the chip.
+//! from 0, pole by pole in the order of [`Pole::ALL`]. Levels are logical: an enable that is set is on, independent of
+//! its polarity at the chip.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -91,17 +91,17 @@ impl fmt::Display for Line {
 pub struct Levels(pub u32);
 
 impl Levels {
-    /// Both enables of a pole.
+    /// The mask of both enables of a pole.
     pub fn enables(pole: Pole) -> u32 {
         Line::Enable(pole, Chip::A).mask() | Line::Enable(pole, Chip::B).mask()
     }
 
-    /// The address lines of a pole.
+    /// The mask of the address lines of a pole.
     pub fn addresses(pole: Pole) -> u32 {
         (0..4).map(|bit| Line::Address(pole, bit).mask()).sum()
     }
 
-    /// The address lines of a pole at the levels that select an electrode.
+    /// The levels of the address lines of a pole that select an electrode.
     pub fn address_of(pole: Pole, electrode: Electrode) -> u32 {
         let address = electrode.0 % 16;
         (0..4)
@@ -120,7 +120,7 @@ impl Levels {
         Self(self.0 & !mask | bits & mask)
     }
 
-    /// The electrodes of a pole: one for every chip that is enabled.
+    /// The electrodes connected to a pole: one for every chip that is enabled.
     pub fn electrodes(self, pole: Pole) -> impl Iterator<Item = Electrode> {
         let address: usize = (0..4)
             .filter(|bit| self.is_set(Line::Address(pole, *bit)))
@@ -132,7 +132,7 @@ impl Levels {
             .map(move |chip| Electrode(chip.first() + address))
     }
 
-    /// The electrode on each pole; if there are two, the lower.
+    /// The electrode on each pole; the lower one if there are two.
     pub fn state(self) -> State {
         State(Pole::ALL.map(|pole| self.electrodes(pole).next()))
     }
@@ -147,14 +147,14 @@ impl Levels {
 /// One simultaneous change of several lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// The lines.
+    /// The lines that change.
     pub mask: u32,
-    /// Their levels.
+    /// The levels of these lines.
     pub bits: u32,
 }
 
-/// The steps from one state to another: enables off, addresses, enables on, each only if needed (section 3). An
-/// electrode beyond a pole's two chips is left out; callers have rejected it before.
+/// The steps from one state to another: enables off, addresses, enables on, each only if needed (section 3). Electrodes
+/// beyond a pole's two chips are ignored; callers reject them first.
 pub fn steps(from: State, to: State) -> Vec<Step> {
     let moving: Vec<Pole> = Pole::ALL
         .into_iter()

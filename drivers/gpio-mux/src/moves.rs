@@ -5,8 +5,8 @@ use survey::{Electrode, Relay};
 
 use crate::command::{Pole, State};
 
-/// The state after the moves, or why they must not be made. `place` finds pole and electrode of a relay; `unable` makes the
-/// error.
+/// The state after the moves, or the error for moves that must not be made. `place` returns pole and electrode of a
+/// relay; `unable` makes the error from its text.
 pub(crate) fn state_after(
     from: State,
     moves: &[Move],

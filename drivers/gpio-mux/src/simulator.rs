@@ -1,6 +1,8 @@
-//! The board as a state machine: four poles of two 16-way chips, every edge of their lines with its time.
+//! The board as a state machine: four poles with two 16-way chips each; records every edge of their lines with its
+//! time.
 //!
-//! No I/O, no clock, no physics: time and lines are passed in, the connected electrodes are passed on to [`Poles`].
+//! No I/O, no clock, no physics: time and received lines are passed in, the connected electrodes are passed on to
+//! [`Poles`].
 
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
@@ -12,14 +14,14 @@ use survey::{Electrode, Relay};
 use crate::command::{Command, MOST_ERRORS, Pole, Reply, State};
 use crate::lines::{Chip, Levels, Line, Step, steps};
 
-/// What the four poles are connected to. The simulated rig implements it.
+/// The circuit that the four poles are connected to. The simulated rig implements it.
 pub trait Poles {
     /// Called whenever an electrode is connected to or disconnected from a pole; `joined` is in the order of
     /// [`Pole::ALL`].
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration);
 
     /// Called at the same moments with all connections as relay numbers of a wiring: with a stuck enable a pole may
-    /// have two electrodes, of which [`Poles::poles`] gets the lower.
+    /// have two electrodes, and [`Poles::poles`] receives only the lower one.
     fn contacts(&mut self, joined: &BTreeSet<Relay>, at: Duration) {
         let _ = (joined, at);
     }
@@ -85,7 +87,7 @@ pub struct SimulatorGpioMux {
     /// Number of replies still to be lost.
     lost: u32,
     edges: VecDeque<EdgeRecord>,
-    /// Power on or last reset: time zero of the firmware's clock.
+    /// Time of power on or of the last reset: time zero of the firmware's clock.
     started: Duration,
     /// Time of the last edge by the firmware's clock.
     last_edge: Duration,
@@ -127,8 +129,8 @@ impl SimulatorGpioMux {
         self.levels.with(self.stuck.0, self.stuck_at.0)
     }
 
-    /// Makes a line, an enable for instance, stick at a level whatever the firmware sets. The firmware does not detect
-    /// it.
+    /// Makes a line (an enable, for example) stick at a level, whatever level the firmware sets. The firmware does not
+    /// detect the fault.
     pub fn stick(&mut self, line: Line, level: bool, at: Duration, poles: &mut dyn Poles) {
         self.pass(at, poles);
         let bits = if level { line.mask() } else { 0 };
@@ -181,7 +183,7 @@ impl SimulatorGpioMux {
         self.banner()
     }
 
-    /// Advances time without a command: the watchdog opens everything when its time has run out.
+    /// Advances time without a command. The watchdog opens everything when its time has run out.
     pub fn pass(&mut self, at: Duration, poles: &mut dyn Poles) {
         let due = self.received + self.watchdog;
         if self.watchdog > Duration::ZERO && at >= due && self.state() != State::default() {
@@ -199,14 +201,14 @@ impl SimulatorGpioMux {
             };
         }
         let answer = line.parse().and_then(|command| {
-            // Noise on the line is not a command and does not restart the watchdog.
+            // Only a command restarts the watchdog; noise on the serial line is not one.
             self.received = at;
             self.execute(command, at, poles)
         });
         self.answer(answer)
     }
 
-    /// Receives a line that is longer than the buffer. It has one reply too, so that its loss is detected.
+    /// Receives a line that is longer than the buffer. It has one reply like every command.
     pub fn receive_oversized(&mut self, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
         self.answer(Err(ErrorEntry::new(-363, "Input buffer overrun")))
@@ -296,8 +298,8 @@ impl SimulatorGpioMux {
         }
     }
 
-    /// Sets lines pole by pole: the address lines of a pole together, enables one by one. A line that has the level
-    /// already makes no edge.
+    /// Sets lines pole by pole: the address lines of a pole together, enables one by one. A line that already has the
+    /// level makes no edge.
     fn take(&mut self, step: Step, clock: &mut Duration, poles: &mut dyn Poles) {
         for pole in Pole::ALL {
             let address = Levels::addresses(pole) & step.mask;

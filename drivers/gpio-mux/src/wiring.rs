@@ -11,16 +11,17 @@ use crate::command::Pole;
 /// Most electrodes: two 16-way chips a pole.
 const MOST_ELECTRODES: usize = 32;
 
-/// A CD74HC4067 on 5 V: 25 mA, and half a volt below the supply.
+/// Limits of a CD74HC4067 at 5 V: 25 mA, and 0.5 V below the supply.
 pub const RELAY_LIMITS: RelayLimits = RelayLimits {
     current: Amps(0.025),
     voltage: Volts(4.5),
 };
 
-/// One command and its reply on the serial line; the switching time of the chips is negligible.
+/// Time of one command and its reply on the serial line; the switching time of the chips is negligible.
 pub const ROUND_TRIP: Duration = Duration::from_micros(1500);
 
-/// Four poles, any electrode on each. The current is set to 0 A before a pole moves.
+/// The wiring of a board for this number of electrodes: four poles, any electrode on each. The current is set to 0 A
+/// before a pole moves.
 ///
 /// # Errors
 /// More than 32 electrodes.

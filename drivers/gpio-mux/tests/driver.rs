@@ -175,7 +175,7 @@ async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
         assert!(error.to_string().contains(reason), "{error}");
     }
     assert!(received(&device).is_empty());
-    // Only the board knows that electrode 27 is not wired, and rejects it.
+    // The board rejects electrode 27, which is not wired; the driver does not have the number of electrodes.
     let error = board.move_relays(&[close(&[327])]).await.unwrap_err();
     assert!(
         matches!(error, RigError::Refused { code: -222, .. }),
@@ -209,7 +209,7 @@ async fn opening_is_verified() {
     received(&device);
     device.lock().unwrap().lie = Some("5,OFF,OFF,OFF");
     let fault = board.open_verified(&relays(&[105])).await;
-    // The faked reply reports "off", the OFF that follows gets a true reply, and the read-back agrees.
+    // The first reply is faked and reports "off"; the driver sends OFF nevertheless, and the read-back is correct.
     fault.unwrap();
     assert_eq!(received(&device), ["STAT?", "OFF", "STAT?"]);
 }

@@ -66,7 +66,7 @@ fn enables_off_then_address_then_enable() {
         [at * 2 + micro(1), at * 2 + micro(2), at * 2 + micro(3)]
     );
     assert!(board.edges().all(|record| record.pole == Pole::IPlus));
-    // The sheet sees the moment in which nothing is connected.
+    // The sheet is also notified while nothing is connected.
     let seen: Vec<Option<usize>> = sheet
         .history
         .iter()
@@ -122,7 +122,7 @@ fn watchdog_ignores_noise_and_oversized_line_gets_a_reply() {
     let (mut board, mut sheet) = board();
     let ms = Duration::from_millis;
     board.receive("PAIR I 5", ms(0), &mut sheet);
-    // Rejected, but still a command: it restarts the watchdog.
+    // A rejected command also restarts the watchdog.
     let refused = board.receive("SET I- 5", ms(1500), &mut sheet).text;
     assert!(refused.unwrap().starts_with("ERR -221,"));
     board.receive("\u{fffd}\u{fffd}", ms(3000), &mut sheet);

@@ -4,22 +4,22 @@ use std::time::{Duration, Instant};
 
 use chrono::{DateTime, Utc};
 
-/// The two times that a frame is stamped with.
+/// The two clocks that give the times of a frame.
 pub trait Clock: Send + Sync {
-    /// Never decreases, whatever happens to the wall clock.
+    /// Time that never decreases, independent of changes of the wall clock.
     fn monotonic(&self) -> Duration;
     /// Calendar time.
     fn wall(&self) -> DateTime<Utc>;
 }
 
-/// The system clocks; monotonic time counts from the construction. Copies show the same time.
+/// The system clocks; monotonic time counts from the construction. Copies return the same time.
 #[derive(Debug, Clone, Copy)]
 pub struct SystemClock {
     start: Instant,
 }
 
 impl SystemClock {
-    /// Starts counting.
+    /// A clock whose monotonic time starts at 0 now.
     pub fn new() -> Self {
         Self {
             start: Instant::now(),

@@ -7,14 +7,16 @@ use tokio_serial::SerialPortBuilderExt;
 use crate::link::half_open;
 use crate::{BoxStream, LinkError};
 
-/// Unacknowledged data older than this breaks a TCP connection: a pulled cable is detected although no end closes.
+/// Data unacknowledged for this long break a TCP connection: an unplugged cable is detected although neither end
+/// closes.
 const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_secs(4);
 
 /// Connects to `host:port`, without Nagle's delay (44 ms on every write followed by a query). After a lost connection
-/// every other attempt uses the lost one's local port: an instrument that still holds that connection then releases it.
+/// every other attempt uses the local port of that connection: an instrument that still holds the connection then
+/// releases it.
 ///
 /// # Errors
-/// [`LinkError::Unreachable`] with the address, at the latest after `deadline`.
+/// [`LinkError::Unreachable`] with the address, after `deadline` at the latest.
 pub async fn connect_tcp(address: &str, deadline: Duration) -> Result<BoxStream, LinkError> {
     let unreachable = |cause| LinkError::Unreachable {
         address: address.to_owned(),

@@ -1,5 +1,5 @@
 //! SCPI messages to one instrument: each ends with a query of the error queue; replies are split into answers and error
-//! entry, and settings are compared with their read-back.
+//! entry. Makes the errors of instruments, with the instrument's name.
 
 use std::fmt;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use survey::Relay;
 
 use crate::{Link, RigError, Stream};
 
-/// Longest command and longest answer repeated in an error, characters.
+/// Longest command and longest reply repeated in an error, characters.
 const SHOWN_COMMAND: usize = 160;
 const SHOWN_ANSWER: usize = 80;
 
@@ -28,9 +28,9 @@ pub struct Replies {
     pub message: String,
     /// The whole reply.
     pub reply: String,
-    /// One for each query that was answered, in order: a rejected query has no answer.
+    /// The replies to the queries, in order; a rejected query has none.
     pub answers: Vec<String>,
-    /// The oldest entry of the error queue; code 0 where it was empty.
+    /// The oldest entry of the error queue; code 0 if it was empty.
     pub error: ErrorEntry,
 }
 
@@ -60,11 +60,11 @@ impl<S: Stream> Conversation<S> {
         self.link.instrument()
     }
 
-    /// Sends `*IDN?` and gives the reply. `is_expected` decides by its fields (maker, model, serial number, firmware,
-    /// without blanks round them); `expected` names the instrument in the error.
+    /// Sends `*IDN?` and returns the reply. `is_expected` checks its fields (maker, model, serial number, firmware,
+    /// without surrounding blanks); `expected` is the name of the expected instrument in the error.
     ///
     /// # Errors
-    /// [`RigError::WrongInstrument`], or the link's.
+    /// [`RigError::WrongInstrument`] if `is_expected` returns false, or an error of the link.
     pub async fn identify(
         &mut self,
         expected: &str,
@@ -85,7 +85,7 @@ impl<S: Stream> Conversation<S> {
     /// Sends commands, the last of which is a query, in one segment; returns the message and its reply.
     ///
     /// # Errors
-    /// The link's.
+    /// An error of the link.
     pub async fn ask(
         &mut self,
         commands: &[impl fmt::Display],
@@ -99,7 +99,7 @@ impl<S: Stream> Conversation<S> {
     /// Sends commands and a query of the error queue in one segment, with the link's timeout.
     ///
     /// # Errors
-    /// The link's, or a reply without an error entry.
+    /// An error of the link, or a reply without an error entry.
     pub async fn send(&mut self, commands: &[impl fmt::Display]) -> Result<Replies, RigError> {
         self.send_within(commands, self.link.deadline()).await
     }
@@ -135,10 +135,10 @@ impl<S: Stream> Conversation<S> {
         })
     }
 
-    /// Takes errors until the queue is empty; each is logged.
+    /// Removes errors from the error queue until it is empty, and logs each.
     ///
     /// # Errors
-    /// The link's, or a queue without an end.
+    /// An error of the link, or a queue that does not become empty.
     pub async fn drain_errors(&mut self) -> Result<(), RigError> {
         for _ in 0..self.most_errors {
             let error = self.send(&[] as &[&str]).await?.error;
@@ -151,7 +151,7 @@ impl<S: Stream> Conversation<S> {
         Err(self.garbled(&self.next_error, "one error after another", expected))
     }
 
-    /// An error entry that followed a command.
+    /// The error for a command that was followed by this entry of the error queue.
     pub fn refused(&self, command: impl Into<String>, error: ErrorEntry) -> RigError {
         RigError::Refused {
             instrument: self.instrument().to_owned(),
@@ -161,7 +161,7 @@ impl<S: Stream> Conversation<S> {
         }
     }
 
-    /// An answer that is not of the expected form; command and answer are shortened.
+    /// The error for a reply that does not have the expected form; command and reply are shortened.
     pub fn garbled(&self, command: &str, answer: &str, expected: impl Into<String>) -> RigError {
         RigError::Garbled {
             instrument: self.instrument().to_owned(),
@@ -171,7 +171,7 @@ impl<S: Stream> Conversation<S> {
         }
     }
 
-    /// A setting that reads back differently.
+    /// The error for a setting that reads back differently from what was set.
     pub fn mismatch(&self, setting: &str, set: impl ToString, read: impl ToString) -> RigError {
         RigError::Mismatch {
             instrument: self.instrument().to_owned(),
@@ -181,7 +181,7 @@ impl<S: Stream> Conversation<S> {
         }
     }
 
-    /// What the instrument cannot do, as `scan relay 1042`.
+    /// The error for an operation that the instrument cannot do; `what` is, for example, `scan relay 1042`.
     pub fn unable(&self, what: impl Into<String>) -> RigError {
         RigError::Unable {
             instrument: self.instrument().to_owned(),
@@ -189,10 +189,10 @@ impl<S: Stream> Conversation<S> {
         }
     }
 
-    /// Refuses relays that read closed; `closed` has a state for each of `relays`.
+    /// Checks that relays are open; `closed` holds the state read back for each of `relays`, in the same order.
     ///
     /// # Errors
-    /// [`RigError::StillClosed`] with those.
+    /// [`RigError::StillClosed`] with the relays that are closed.
     pub fn check_open(&self, relays: &[Relay], closed: &[bool]) -> Result<(), RigError> {
         let states = relays.iter().zip(closed);
         let relays: Vec<Relay> = states

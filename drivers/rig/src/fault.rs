@@ -30,12 +30,12 @@ pub enum RigError {
         instrument: String,
         /// What was sent.
         command: String,
-        /// Number of the first entry.
+        /// Number of the oldest entry of the queue.
         code: i32,
-        /// Text of the first entry.
+        /// Text of the oldest entry of the queue.
         message: String,
     },
-    /// An answer that is not of the expected form.
+    /// A reply that does not have the expected form.
     #[error("{instrument} answered '{command}' with '{answer}', {expected} was expected")]
     Garbled {
         /// Name and address.
@@ -52,11 +52,11 @@ pub enum RigError {
     Mismatch {
         /// Name and address.
         instrument: String,
-        /// Which setting.
+        /// The setting.
         setting: String,
-        /// What was set.
+        /// The value that was set.
         set: String,
-        /// What was read.
+        /// The value that was read back.
         read: String,
     },
     /// The source could not be verified off.
@@ -71,7 +71,7 @@ pub enum RigError {
         /// Level as read back.
         level: Amps,
     },
-    /// The source's interlock is open, or was since the last query: its output is off.
+    /// The source's interlock is open, or was open since the last query; the output is off.
     #[error(
         "{instrument}: the interlock is open, or was opened meanwhile; it keeps the output off until it is closed"
     )]
@@ -79,35 +79,35 @@ pub enum RigError {
         /// Name and address.
         instrument: String,
     },
-    /// Relays stay closed.
+    /// Relays read back closed after they were opened.
     #[error("{instrument}: relays {} stay closed", join(.relays))]
     StillClosed {
         /// Name and address.
         instrument: String,
-        /// Which.
+        /// The relays.
         relays: Vec<Relay>,
     },
     /// Injecting relays whose read-back differs from their commanded state.
     #[error("the relays are not as they were switched:{}{}", text(" read open: ", .open), text(" read closed: ", .closed))]
     RelayMismatch {
-        /// Should be closed.
+        /// Relays that read open and should be closed.
         open: Vec<FoundRelay>,
-        /// Should be open.
+        /// Relays that read closed and should be open.
         closed: Vec<FoundRelay>,
     },
-    /// A slot holds another module, or none.
+    /// A slot holds another module than the wiring needs, or none.
     #[error("{instrument}: slot {slot} holds {found}, the wiring needs {expected}")]
     WrongModule {
         /// Name and address.
         instrument: String,
         /// The slot.
         slot: u32,
-        /// What is there.
+        /// The module found.
         found: String,
-        /// What is needed.
+        /// The module needed.
         expected: String,
     },
-    /// A current that the source or its prepared range cannot give.
+    /// A current beyond the source's limits or its prepared range.
     #[error("{instrument}: {requested} is outside its {most}; nothing is clipped")]
     CurrentOutOfRange {
         /// Name and address.
@@ -127,15 +127,15 @@ pub enum RigError {
         /// Allowed, in words.
         allowed: String,
     },
-    /// A scan returned another number of readings than it has channels.
+    /// The number of readings differs from the number of pairs that were read.
     #[error("the scan returned {came} readings for {expected} scanned pairs")]
     ReadingCount {
         /// Readings that came.
         came: usize,
-        /// Pairs scanned.
+        /// Pairs read.
         expected: usize,
     },
-    /// The instrument cannot do this at all (a multiplexer board asked to scan).
+    /// The instrument does not support the operation, for example a scan on a multiplexer board.
     #[error("{instrument} cannot {what}")]
     Unable {
         /// Name and address.

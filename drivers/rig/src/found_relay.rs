@@ -1,15 +1,15 @@
-//! Relays whose state differs from the expected one, with the electrodes that they join.
+//! Relays whose state differs from the expected one, with the electrodes that they connect.
 
 use std::fmt;
 
 use survey::{Dipole, Relay};
 
-/// A relay whose state differs from the expected one, with the pairs of electrodes that it serves.
+/// A relay whose state differs from the expected one, with its pairs of electrodes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundRelay {
     /// The relay.
     pub relay: Relay,
-    /// The pairs it joins to the source.
+    /// The pairs that the relay connects to the source.
     pub pairs: Vec<Dipole>,
 }
 

@@ -2,14 +2,14 @@
 //!
 //! Runs a [`survey::Plan`] on any implementation of [`CurrentSource`], [`Switch`] and [`Voltmeter`], over connections
 //! that stall, split, merge and break, and leaves the source off and verified on every exit path. Commands of
-//! particular instruments and mathematics are left to other crates. A late reply is refused.
+//! particular instruments and mathematics are left to other crates. A late reply is never taken for the next one.
 //!
-//! - **link**: lines to and from one instrument, with timeouts; **out of step**: state after a fault, until the stream
-//!   is replaced or the link is resynchronised
-//! - **conversation**: messages over a link that end with a query of the error queue
+//! - **link**: lines to and from one instrument, with timeouts; **unsynchronised**: state of a link after a fault,
+//!   until its stream is replaced or it is resynchronised
+//! - **conversation**: messages over a link, each of which ends with a query of the error queue
 //! - **rig**: source, switch and voltmeter, held by one user at a time
 //! - **acquire**: a plan in, a frame out; **safe off**: source off and relays open, each verified
-//! - **transcript**: every line over the wires; a **ring transcript** keeps the last frames in memory
+//! - **transcript**: every line sent and received; a **ring transcript** keeps those of the last frames in memory
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), rig::LinkError> {

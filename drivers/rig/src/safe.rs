@@ -10,15 +10,15 @@ use crate::found_relay::{FoundRelay, name_relays};
 use crate::traits::Instruments;
 use crate::{CurrentSource, Rig, RigError, Switch};
 
-/// Time for verifying the source off before the relays are opened concurrently.
+/// Time allowed for verifying the source off before the relays are opened; after it they are opened concurrently.
 const OFF_BEFORE_RELAYS: Duration = Duration::from_millis(100);
 
-/// What could not be made safe; halves that are `None` were done and verified.
+/// What could not be made safe. `source` and `relays` are `None` where the step was done and verified.
 #[derive(Debug)]
 pub struct CleanupError {
-    /// Why the source is not verified off: its state is unknown.
+    /// Why the source could not be verified off; its state is unknown.
     pub source: Option<RigError>,
-    /// Why the relays are not verified open.
+    /// Why the relays could not be verified open.
     pub relays: Option<RigError>,
     /// Time until the source was verified off; `None` if it was not.
     pub off_after: Option<Duration>,
@@ -69,7 +69,7 @@ impl std::error::Error for CleanupError {}
 /// Why a rig must not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The switch does not reply.
+    /// The injecting relays could not be read back.
     #[error("the injecting relays could not be read back")]
     Unreadable(#[from] RigError),
     /// Relays are closed before any command: latching relays survive a power cycle.
@@ -81,10 +81,11 @@ pub enum StartError {
     Closed(Vec<FoundRelay>),
 }
 
-/// Reads back every injecting relay before anything is moved.
+/// Checks that every injecting relay reads back open, before any relay is moved.
 ///
 /// # Errors
-/// [`StartError::Closed`] names each closed relay with its pairs.
+/// [`StartError::Closed`] with each closed relay and its pairs; [`StartError::Unreadable`] if the switch does not
+/// reply.
 pub async fn check_at_start<C, W: Switch, V>(
     rig: &Rig<C, W, V>,
     wiring: &Wiring,
@@ -118,7 +119,7 @@ pub async fn find_closed<W: Switch>(
 /// Switches the source off and opens the wiring's relays, each verified; opens the relays even if the source fails.
 ///
 /// # Errors
-/// Which half failed, or both.
+/// Why the source could not be switched off, why relays could not be opened, or both.
 pub async fn safe_off<C, W, V>(rig: &Rig<C, W, V>, wiring: &Wiring) -> Result<(), CleanupError>
 where
     C: CurrentSource,
@@ -127,7 +128,8 @@ where
     make_safe(&mut *rig.lock().await, wiring).await.map(drop)
 }
 
-/// Returns the time until the source was verified off.
+/// Switches the source off and opens the wiring's relays, each verified. Returns the time until the source was verified
+/// off.
 pub(crate) async fn make_safe<C, W, V>(
     instruments: &mut Instruments<C, W, V>,
     wiring: &Wiring,
@@ -158,10 +160,10 @@ where
     }
 }
 
-/// Reads every injecting relay back, and opens all relays. Expected: those of the driven pair closed, all others open.
+/// Reads back every injecting relay, and opens all relays. Only the relays in `driven` are expected to be closed.
 ///
 /// # Errors
-/// [`RigError::RelayMismatch`] naming relays and electrodes.
+/// [`RigError::RelayMismatch`] with the relays in an unexpected state and their electrodes; an error of the switch.
 pub(crate) async fn open_checked<W: Switch>(
     switch: &mut W,
     wiring: &Wiring,

@@ -1,4 +1,4 @@
-//! Stopping: a request that is handled between two steps of a plan, never a dropped future.
+//! Requests to stop. A stop is handled between two steps of a plan; no exchange is cancelled.
 
 use tokio::sync::watch;
 
@@ -6,7 +6,7 @@ use tokio::sync::watch;
 #[derive(Debug, Clone)]
 pub struct StopButton(watch::Sender<bool>);
 
-/// Receives the request. Copies receive the same one.
+/// Receives the request to stop. Clones receive the same request.
 #[derive(Debug, Clone)]
 pub struct Stop(watch::Receiver<bool>);
 
@@ -27,7 +27,7 @@ impl Stop {
         *self.0.borrow()
     }
 
-    /// Waits until the button is pressed; for ever if it never is.
+    /// Waits until the button is pressed; never completes if it is not.
     pub async fn requested(&mut self) {
         if self.0.wait_for(|pressed| *pressed).await.is_err() {
             std::future::pending().await

@@ -9,10 +9,11 @@ use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use crate::RigError;
 
-/// Drives a known current through the pair that the switch has joined to it.
+/// Drives a known current through the pair that the switch has connected to it. Every method fails with [`RigError`] if
+/// the instrument rejects a command, replies in an unexpected form, or cannot be reached.
 pub trait CurrentSource: Send {
-    /// Sets 0 A, output off, the fixed range that holds `current`, and the voltage limit; verifies by read-back,
-    /// including output and level. Clears earlier compliance events.
+    /// Sets 0 A, output off, the fixed range that holds `current`, and the voltage limit, and verifies all of them by
+    /// read-back. Clears earlier compliance events.
     fn prepare(
         &mut self,
         current: Amps,
@@ -73,13 +74,14 @@ pub enum Move {
     Open(Vec<Relay>),
 }
 
-/// Joins pairs of electrodes to source and voltmeter.
+/// Connects pairs of electrodes to source and voltmeter. Every method fails as those of [`CurrentSource`], and with
+/// [`RigError::Unable`] or [`RigError::WrongModule`] for a relay that the switch does not have.
 pub trait Switch: Send {
     /// Executes the moves in order. They may be held back and sent in one segment with the next query to the same
     /// instrument; [`Switch::settle`] ensures that the relays have moved.
     fn move_relays(&mut self, moves: &[Move]) -> impl Future<Output = Result<(), RigError>> + Send;
 
-    /// Sends what was held back and waits until the relays have moved.
+    /// Sends the moves held back and waits until the relays have moved.
     fn settle(&mut self) -> impl Future<Output = Result<(), RigError>> + Send;
 
     /// Reads back which of the relays are closed, in the order given.
@@ -115,11 +117,11 @@ pub trait Switch: Send {
 /// Settings of the voltmeter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeterSettings {
-    /// The range of readings without an individual one.
+    /// The range of readings that have no range of their own.
     pub range: Volts,
-    /// Integration, power-line cycles: one of those that the voltmeter has.
+    /// Integration time, power-line cycles; one of those that the voltmeter has.
     pub nplc: f64,
-    /// Resolution at this integration time as a fraction of the range, from the driver's table; 0: unknown.
+    /// Resolution at this integration time as a fraction of the range, from the driver's table; 0 if unknown.
     pub resolution: f64,
     /// Whether a zero reading follows every reading.
     pub autozero: bool,
@@ -127,13 +129,13 @@ pub struct MeterSettings {
     pub averages: u32,
     /// Delay before each scanned channel.
     pub channel_delay: Duration,
-    /// Time that the readings of one query may take ([`survey::Plan::longest_answer`]), in addition to the link's
-    /// timeout; `None`: the voltmeter's own estimate.
+    /// Time allowed for the readings of one query ([`survey::Plan::longest_answer`]), in addition to the link's
+    /// timeout; `None`: the driver's own estimate.
     pub deadline: Option<Duration>,
 }
 
 impl MeterSettings {
-    /// One reading each, autozero off, no delay.
+    /// Settings without averaging, autozero and delay; resolution unknown.
     pub const fn new(range: Volts, nplc: f64) -> Self {
         Self {
             range,
@@ -159,10 +161,10 @@ pub struct Sample {
     pub wait: Duration,
 }
 
-/// A pair to join to the voltmeter and to read.
+/// A pair to connect to the voltmeter and to read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChainedReading {
-    /// Opens the previous pair, closes this one.
+    /// The moves that open the previous pair and close this one.
     pub moves: Vec<Move>,
     /// Its range.
     pub range: Volts,
@@ -183,7 +185,8 @@ pub fn mean(readings: &[Reading]) -> Reading {
     }
 }
 
-/// Reads voltages. With averaging each reading is the mean of several.
+/// Reads voltages. With averaging each reading is the mean of several. Every method fails as those of
+/// [`CurrentSource`], and with [`RigError::Unable`] for a setting or operation that the voltmeter does not have.
 pub trait Voltmeter: Send {
     /// Sets function, range, integration, and the relays to scan in this order (empty: single readings only).
     fn prepare(
@@ -192,23 +195,24 @@ pub trait Voltmeter: Send {
         scan: &[Relay],
     ) -> impl Future<Output = Result<(), RigError>> + Send;
 
-    /// Scans the prepared list once on the prepared range; one reading a relay, in its order.
+    /// Scans the prepared list once on the prepared range. Returns one reading for each relay, in the order of the
+    /// list.
     fn scan(&mut self) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 
-    /// Scans these channels, each on its range and after its delay; one reading a channel, in their order. Relay moves
-    /// held back by a switch of the same instrument are executed first.
+    /// Scans these channels, each on its range and after its delay. Returns one reading for each channel, in their
+    /// order. Relay moves held back by a switch of the same instrument are executed first.
     fn scan_on(
         &mut self,
         channels: &[Sample],
     ) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 
-    /// Reads the pair joined to the voltmeter once, on the prepared range.
+    /// Reads the pair connected to the voltmeter once, on the prepared range.
     fn read(&mut self) -> impl Future<Output = Result<Reading, RigError>> + Send;
 
-    /// Reads the pair joined to the voltmeter once, on this range.
+    /// Reads the pair connected to the voltmeter once, on this range.
     fn read_on(&mut self, range: Volts) -> impl Future<Output = Result<Reading, RigError>> + Send;
 
-    /// Joins and reads one pair after the other in a single message.
+    /// Connects and reads one pair after the other in a single message. Returns one reading for each pair, in order.
     ///
     /// # Errors
     /// [`RigError::Unable`] if the voltmeter has no relays.
@@ -231,8 +235,8 @@ pub struct Instruments<C, W, V> {
 
 /// A handle of a rig: clones share the instruments, and each user locks them exclusively.
 ///
-/// [`crate::acquire`] needs this to finish safely if its future is dropped: its task keeps the instruments until the
-/// source is off, and the next user waits for that.
+/// [`crate::acquire`] needs shared instruments to finish safely if its future is dropped: its task keeps them locked
+/// until the source is off, and the next user waits for that.
 #[derive(Debug)]
 pub struct Rig<C, W, V> {
     instruments: Arc<Mutex<Instruments<C, W, V>>>,
@@ -261,7 +265,7 @@ impl<C, W, V> Rig<C, W, V> {
         }
     }
 
-    /// With at least one simulated part, the frames of the rig are marked as simulated.
+    /// Sets whether any part of the rig is simulated; the frames are then marked as simulated.
     pub fn as_simulated(self, simulated: bool) -> Self {
         Self { simulated, ..self }
     }

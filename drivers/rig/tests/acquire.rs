@@ -126,7 +126,7 @@ async fn whichever_call_fails_once_the_source_ends_off_and_verified() {
 async fn lost_source_opens_the_relays_and_is_reported_as_unknown() {
     for wiring in wirings(5) {
         let plan = plan(&wiring, Duration::ZERO);
-        // The last two calls concern the relays while the source is verified off: they cannot lose track of the source.
+        // During the last two calls the source is already verified off: losing it there has no effect.
         for call in 0..calls(&wiring, &plan).await - 2 {
             let stand_in = StandIn::new(&wiring).failing(call, Fault::Lost(Part::Source));
             let fault = run(&stand_in, &plan).await.unwrap_err();
@@ -276,7 +276,7 @@ async fn compliance_voids_readings_of_its_drive_and_names_electrode() {
 async fn compliance_before_relays_are_confirmed_voids_both_drives() {
     let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::from_millis(2));
-    // the second injection's relays move long after the source's compliance is queried
+    // the relays of the second injection move long after the query of the source's compliance
     let (late, second) = (Duration::from_millis(80), 9);
     let stand_in = StandIn::new(&wiring).slow(Part::SwitchAndMeter, second, late);
     let hand = stand_in.clone();

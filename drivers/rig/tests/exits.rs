@@ -98,7 +98,7 @@ async fn relay_in_wrong_state_fails_the_frame_and_is_named() {
     acquire(&counted.rig(), &plan, METER, SystemClock::new(), &never)
         .await
         .unwrap();
-    // the last two calls read the relays back and open them; before them the source is switched off
+    // the last two calls read the relays back and open them; the call before them switches the source off
     let before = counted.calls() - 3;
     for (change, reported) in [(1040, "read open: 1040"), (1037, "read closed: 1037")] {
         let stand_in = StandIn::new(&plan.wiring);

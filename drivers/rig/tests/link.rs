@@ -16,13 +16,13 @@ use tokio::time::sleep;
 
 const DEADLINE: Duration = Duration::from_millis(100);
 
-/// A peer's treatment of the reply to one query.
+/// What the peer does with the reply to one query.
 #[derive(Debug, Clone, Copy)]
 enum Manner {
     Prompt,
     Delay(u64),
     Split(usize),
-    /// Held back and sent together with the next reply.
+    /// Delayed and sent together with the next reply.
     Merge,
     /// Sent twice, the second time after this number of milliseconds.
     Double(u64),

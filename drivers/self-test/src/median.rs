@@ -1,6 +1,6 @@
 //! The median of readings, which a few relays and electrodes at fault do not change.
 
-/// The middle one of the values in ascending order, the upper one of an even number; `None` without values.
+/// The middle of the values in ascending order, or the upper of the two middle ones; `None` without values.
 pub(crate) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);

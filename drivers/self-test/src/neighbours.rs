@@ -2,8 +2,8 @@
 
 use survey::{Dipole, Plan, Protocol, Relay};
 
-/// The plan with the pairs of neighbouring electrodes in the order of the ring, which the assessment compares with, whatever
-/// pairs its survey has; `None` if its wiring lacks a relay of one.
+/// The plan with the pairs of neighbouring electrodes in the order of the ring instead of its own pairs, because the
+/// assessment needs these. `None` if the wiring lacks a relay of one of them.
 pub fn with_neighbours(plan: &Plan) -> Option<Plan> {
     let electrodes = plan.wiring.electrodes;
     let ring = Protocol::sheffield(electrodes).ok()?;
@@ -54,7 +54,7 @@ mod tests {
     fn neighbours_are_tested_whatever_pairs_a_survey_has() {
         assert_eq!(tested(survey::sheffield(8).collect()), Some(wiring()));
         assert_eq!(tested(survey::skip(8, 1).collect()), Some(wiring()));
-        // its last pairs are never driven, its first never measured
+        // in this protocol the last pairs are never driven, and the first is never measured
         assert_eq!(tested(survey::half(survey::sheffield(8)).collect()), None);
     }
 }

@@ -36,7 +36,7 @@ pub struct ReportLine {
     pub verdict: CheckOutcome,
     /// The measured value; `None` if there is none.
     pub measured: Option<f64>,
-    /// The value of a sound rig.
+    /// The value expected of a rig without faults.
     pub expected: Option<f64>,
     /// Unit of both values.
     pub unit: &'static str,
@@ -55,7 +55,7 @@ pub struct Report {
     pub wiring: String,
     /// Current injected, A.
     pub current_a: f64,
-    /// Whether nothing was found.
+    /// Whether there are no findings.
     pub passed: bool,
     /// Faults to repair, most severe first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
     pub findings: Vec<String>,

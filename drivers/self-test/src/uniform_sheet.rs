@@ -15,10 +15,10 @@ pub struct ExpectedSheet {
     pub sigma: Vec<f64>,
 }
 
-/// A uniform sheet on the configured geometry.
+/// The expected sheet, scaled to the fitted resistance.
 pub(crate) struct Uniform {
     electrodes: usize,
-    /// Transfer impedance, ohm, by row.
+    /// Transfer impedance, ohm: a row for each electrode of the voltage, a column for each of the current.
     z: Vec<Vec<f64>>,
     /// Mean sheet resistance, ohm.
     pub sheet_ohm: f64,

@@ -67,7 +67,7 @@ async fn enables_off_then_address_then_enable() {
             format!("{} {}={level}", edge.at.as_micros(), edge.line)
         })
         .collect();
-    // The very first call, at 5 us, switched everything off.
+    // The first call, at 5 us, switched everything off.
     assert_eq!(
         commands,
         [

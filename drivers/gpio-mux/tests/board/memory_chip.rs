@@ -9,7 +9,7 @@ use gpio_mux::{GpioChip, GpioFault, LINES, Levels, Line};
 /// A change of a line's level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct LineEdge {
-    /// By the chip's clock.
+    /// Time of the edge by the chip's clock.
     pub(crate) at: Duration,
     /// The line.
     pub(crate) line: Line,

@@ -1,4 +1,4 @@
-//! The readings of each injection, handed over before the frame is complete.
+//! The readings of each injection, sent before the frame is complete.
 
 use std::time::Duration;
 
@@ -10,25 +10,26 @@ use tokio::time::Instant;
 /// The readings of one injection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InjectionReadings {
-    /// Number of the frame, as it was given.
+    /// Number of the frame, from [`InjectionSink::frame`].
     pub frame: u64,
     /// When the frame began.
     pub frame_began: Duration,
-    /// Where the current flowed.
+    /// The pair of electrodes that the current flowed through.
     pub drive: Dipole,
     /// The readings with their numbers in the protocol.
     pub readings: Vec<(usize, Reading)>,
-    /// The middle of the injection.
+    /// Monotonic time of the middle of the injection.
     pub monotonic: Duration,
-    /// The same as calendar time.
+    /// Calendar time of the middle of the injection.
     pub wall: DateTime<Utc>,
-    /// How long it lasted.
+    /// Duration of the injection.
     pub duration: Duration,
-    /// Whether the source was in compliance, here or perhaps in the injection before.
+    /// Whether the source was in compliance during this injection, or possibly during the one before it.
     pub compliance: bool,
 }
 
-/// Where the injections of a frame are sent. The frame never waits for the receiver: what the channel does not hold is not sent.
+/// Destination of the injections of a frame. The frame never waits for the receiver: an injection that does not fit in
+/// the channel is dropped.
 #[derive(Debug, Clone)]
 pub struct InjectionSink {
     /// Number of the frame, passed on with each injection.
@@ -37,7 +38,7 @@ pub struct InjectionSink {
     pub to: Sender<InjectionReadings>,
 }
 
-/// Hands over the injections of a frame.
+/// Sends the injections of a frame.
 pub(super) struct InjectionReport {
     pub(super) sink: InjectionSink,
     /// When the frame began.
@@ -47,7 +48,8 @@ pub(super) struct InjectionReport {
 }
 
 impl InjectionReport {
-    /// An injection has ended; its time is from when the relays were to close to its last reading.
+    /// Sends the readings of an injection that has ended. Its time runs from the moment before its relays move (with
+    /// [`Step::Break`] from the moment after they have settled) to its last reading.
     pub(super) fn ended(
         &self,
         plan: &Plan,
@@ -63,7 +65,7 @@ impl InjectionReport {
             .zip(readings)
             .enumerate()
             .filter(|(_, (measurement, _))| measurement.drive == drive);
-        // nobody may be waiting for it any more
+        // dropped if the receiver is gone or the channel is full
         let _ = self.sink.to.try_send(InjectionReadings {
             frame: self.sink.frame,
             frame_began: self.monotonic,
@@ -79,8 +81,8 @@ impl InjectionReport {
     }
 }
 
-/// Whether an injection has ended before this step. The step that switches all off belongs to the last one: it queries the
-/// compliance that began after the last query.
+/// Whether an injection has ended before this step. The step that switches everything off belongs to the last
+/// injection, because it queries the compliance since the last query.
 pub(super) fn ends_before(next: Option<&Step>) -> bool {
     match next {
         None => true,

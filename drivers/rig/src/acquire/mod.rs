@@ -1,9 +1,9 @@
 //! Runs a plan to a frame, and leaves the source off and verified on every exit path.
 //!
 //! The plan runs in a separate task that holds the instruments. Dropping the caller's future only requests a stop: the
-//! task finishes the exchange in progress (an interrupted message would leave its link out of step, and the source
-//! could not be commanded off), makes the rig safe, and releases it. A cleanup started from a `Drop` would find links
-//! out of step.
+//! task finishes the exchange in progress (an interrupted message would leave its link unsynchronised, and the source
+//! could not be commanded off), makes the rig safe, and releases it. A cleanup started from a `Drop` would find
+//! unsynchronised links.
 
 mod injection;
 mod run;
@@ -31,8 +31,8 @@ use run::Run;
 pub struct AcquireError {
     /// Why the plan ended early.
     pub reason: EndReason,
-    /// The source is off and verified, and the injecting relays are open: the time from detection to the read-back that
-    /// the source is off. Otherwise what could not be made safe: then the sheet may carry current.
+    /// `Ok`: the source is off and the relays are open, both verified; the time from detection to the read-back that
+    /// the source is off. `Err`: what could not be made safe; the sheet may carry current.
     pub made_safe: Result<Duration, CleanupError>,
 }
 
@@ -41,14 +41,14 @@ pub struct AcquireError {
 pub enum EndReason {
     /// Source or voltmeter could not be set up.
     Prepare(RigError),
-    /// A step failed: its number, counted from 1, the step, and why.
+    /// A step failed: its number (from 1), the step, and the error.
     Step(usize, Step, RigError),
-    /// A stop was requested, or the caller went away, before the step of this number, counted from 1.
+    /// A stop was requested, or the caller's future was dropped, before the step with this number (from 1).
     Stop(usize),
 }
 
 impl AcquireError {
-    /// What could not be made safe, if anything: then the sheet may carry current.
+    /// What could not be made safe, if anything. In this case the sheet may carry current.
     pub fn cleanup(&self) -> Option<&CleanupError> {
         self.made_safe.as_ref().err()
     }
@@ -102,8 +102,8 @@ impl Error for AcquireError {
 /// Runs the plan once.
 ///
 /// Readings over range, and readings of an injection at which the source was in compliance, are flags in the frame, not
-/// errors. A stop is handled between two steps. Dropping the future requests a stop: the rig is then held until it is
-/// safe. Must be called inside a tokio runtime; if the runtime is shut down during a plan there is no cleanup: use
+/// errors. A stop is handled between two steps. Dropping the future requests a stop; the rig stays locked until it is
+/// safe. Must be called inside a tokio runtime; if the runtime is shut down during a plan, nothing is made safe: use
 /// `tactusd --safe-off`.
 ///
 /// # Errors
@@ -165,7 +165,7 @@ where
             Ok(Ok(())) => Ok(()),
             Ok(Err(reason)) => {
                 let made = make_safe(&mut instruments, &plan_of_task.wiring).await;
-                // If the source was switched off during a reading, that time counts.
+                // if the source was switched off during a reading, the time of that switch-off is reported
                 let made_safe = made.map(|off_after| run.off_after.unwrap_or(off_after));
                 Err(AcquireError { reason, made_safe })
             }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Most of a text that an error message repeats, characters.
+/// Longest text repeated in an error message, characters.
 const LONGEST_EXCERPT: usize = 60;
 
 /// An error of a connection.
@@ -19,7 +19,8 @@ pub enum LinkError {
         #[source]
         cause: std::io::Error,
     },
-    /// No complete reply before the timeout. The link is out of step until it is reopened or resynchronised.
+    /// No complete reply before the timeout. The link is unsynchronised until its stream is replaced or it is
+    /// resynchronised.
     #[error("{instrument} did not answer{} within {deadline:?}", quoted(.message))]
     Timeout {
         /// Name and address.
@@ -34,13 +35,13 @@ pub enum LinkError {
     Lost {
         /// Name and address.
         instrument: String,
-        /// What was being sent or awaited, shortened; empty when nothing was.
+        /// The message being sent, or whose reply was awaited, shortened; empty without one.
         message: String,
         /// Error of the operating system, if any.
         #[source]
         cause: Option<std::io::Error>,
     },
-    /// The link is out of step after an earlier fault: a late reply could be taken for the next answer.
+    /// The link is unsynchronised after an earlier fault: a late reply could be taken for the next one.
     #[error(
         "the link to {instrument} is not synchronised after an earlier fault; reconnect before the next message"
     )]

@@ -1,9 +1,10 @@
-//! Half-open connections: the peer does not know that our end is gone.
+//! Half-open connections: our end is closed, the peer's end is still open.
 //!
-//! If a cable is unplugged for longer than TCP's timeout, our end of a connection ends silently; the instrument's end
-//! stays, and an instrument that serves one client at a time remains occupied, some for good. A new connection from the
-//! same local port is taken for the lost one: the instrument's TCP sends an acknowledgement, ours replies with a reset,
-//! which ends the old connection, and the next attempt succeeds (RFC 9293, section 3.5.1, figure 10).
+//! If a cable is unplugged for longer than TCP's timeout, our end of a connection is closed without a message to the
+//! peer. The instrument's end stays open, and an instrument that serves one client at a time remains occupied, some
+//! models permanently. A new connection from the same local port is taken for the lost one: the instrument's TCP
+//! replies with an acknowledgement, our TCP with a reset. The reset ends the old connection, and the next attempt
+//! succeeds (RFC 9293, section 3.5.1, figure 10).
 
 use std::collections::BTreeMap;
 use std::io;
@@ -23,29 +24,31 @@ struct LastConnection {
     tries: u32,
 }
 
-/// For this process, by address, because local ports belong to the machine.
+/// The last connections of this process, by address. Shared by all links, because local ports are shared by the whole
+/// machine.
 static CONNECTIONS: Mutex<BTreeMap<String, LastConnection>> = Mutex::new(BTreeMap::new());
 
 fn connections() -> MutexGuard<'static, BTreeMap<String, LastConnection>> {
     CONNECTIONS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Connects; after a lost connection every other attempt uses its local port, if possible.
+/// Connects to an address. After a lost connection every other attempt uses the local port of that connection, if
+/// possible.
 pub(crate) async fn connect(address: &str) -> io::Result<RecordedStream> {
     let lost = {
         let mut connections = connections();
         let lost = connections.get_mut(address);
         lost.and_then(|lost| {
             lost.tries += 1;
-            // first from any port: most instruments have noticed, and some refuse a port for a while after a clean
-            // close
+            // the first attempt uses any port: most instruments have closed their end, and some refuse a port for a
+            // while after a clean close
             (lost.tries % 2 == 0).then_some(*lost)
         })
     };
     let stream = match lost {
         None => TcpStream::connect(address).await?,
         Some(lost) => match connect_from_same_port(lost).await {
-            // in use meanwhile, or still in TIME_WAIT
+            // the port is used by another socket, or still in TIME_WAIT
             Err(fault)
                 if [
                     io::ErrorKind::AddrInUse,
@@ -76,7 +79,7 @@ async fn connect_from_same_port(lost: LastConnection) -> io::Result<TcpStream> {
     socket.connect(lost.peer).await
 }
 
-/// A connection that is recorded once it has received data.
+/// A connection that is recorded in [`CONNECTIONS`] when it receives its first data.
 #[derive(Debug)]
 pub(crate) struct RecordedStream {
     address: String,

@@ -1,9 +1,9 @@
 //! The link: all waiting for an instrument's I/O.
 //!
 //! A message is sent in one segment; its reply is one line. Any other outcome (a timeout, a second line, a dropped
-//! future) leaves the link *out of step*: it refuses all further queries until its stream is replaced
-//! ([`Link::replace`]) or the peer has echoed two numbers just sent to it ([`Link::resynchronise`]). So a late reply
-//! can never be taken for the next one.
+//! future) leaves the link *unsynchronised*: all further messages are refused until its stream is replaced
+//! ([`Link::replace`]) or the peer has echoed two numbers just sent to it ([`Link::resynchronise`]). Therefore a late
+//! reply can never be taken for the next one.
 
 mod error;
 pub(crate) mod half_open;
@@ -25,15 +25,15 @@ use crate::transcript::EntryContent;
 /// Default limit of a reply, bytes: 2,600 readings with all their fields; see [`Link::with_longest_reply`].
 const LONGEST_REPLY: usize = 256 * 1024;
 
-/// Anything bytes can be sent over: TCP, a serial line, a pipe in memory.
+/// A byte stream to an instrument: TCP, a serial line, a pipe in memory.
 pub trait Stream: AsyncRead + AsyncWrite + Unpin + Send {}
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send + ?Sized> Stream for S {}
 
-/// A stream of whatever kind.
+/// A stream of any kind.
 pub type BoxStream = Box<dyn Stream>;
 
-/// Whether the next line from the peer can be trusted to be the next reply.
+/// Whether the next line from the peer is certain to be the next reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     Synchronised,
@@ -41,7 +41,7 @@ enum State {
     Unsynchronised,
 }
 
-/// A line-oriented conversation with one instrument.
+/// A line-oriented connection to one instrument.
 #[derive(Debug)]
 pub struct Link<S> {
     stream: S,
@@ -51,16 +51,16 @@ pub struct Link<S> {
     received: Vec<u8>,
     state: State,
     nonce: u8,
-    /// Values that attempts to resynchronise may have left in the peer's event enable register.
+    /// Numbers that failed attempts to resynchronise may have left in the peer's event enable register.
     nonces: Vec<u8>,
-    /// The register's value before them, once known.
+    /// The register's value before the first attempt, once known.
     enable: Option<u8>,
     transcript: Option<RingTranscript>,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
-    /// A link in step over a new stream. `instrument` is a name for messages, with its address (`source at
-    /// 10.0.0.7:1394`); `deadline` is the default timeout of a reply.
+    /// A synchronised link over a new stream. `instrument` is a name for messages, with its address (`source
+    /// at 10.0.0.7:1394`); `deadline` is the default timeout of a reply.
     pub fn new(stream: S, instrument: impl Into<String>, deadline: Duration) -> Self {
         Self {
             stream,
@@ -117,7 +117,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     /// Sends a message that has no reply, in one segment.
     ///
     /// # Errors
-    /// Out of step, unsolicited bytes before it, a line end inside, a lost connection, or the timeout.
+    /// An unsynchronised link, bytes received without a query, a line end in the message, a lost connection, or the
+    /// timeout.
     pub async fn send(&mut self, message: &str) -> Result<(), LinkError> {
         let until = Instant::now() + self.deadline;
         self.begin(message).await?;
@@ -129,7 +130,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     /// Sends a query and waits for its reply, returned without line end.
     ///
     /// # Errors
-    /// As [`Link::send`]; a second line after the reply makes both unusable and is [`LinkError::Unsolicited`].
+    /// As [`Link::send`]; a reply that is too long or is not text; [`LinkError::Unsolicited`] if a second line follows
+    /// the reply, because then neither can be trusted.
     pub async fn ask(&mut self, message: &str) -> Result<String, LinkError> {
         self.ask_within(message, self.deadline).await
     }
@@ -147,13 +149,13 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.begin(message).await?;
         self.write(message, deadline, until).await?;
         let answer = self.line(message, deadline, until).await?;
-        // A stale line received first would shift the true reply: with two lines neither can be trusted.
+        // With two lines neither can be trusted: the first may be a late reply to an earlier query.
         self.confirm_synchronised(message).await?;
         Ok(answer)
     }
 
-    /// Refuses if out of step, and marks the link out of step until this exchange has succeeded: so does a future
-    /// dropped half-way.
+    /// Fails if the link is unsynchronised, and marks it unsynchronised until the exchange has succeeded. A future that
+    /// is dropped during the exchange therefore leaves it unsynchronised.
     async fn begin(&mut self, message: &str) -> Result<(), LinkError> {
         if message.contains(['\n', '\r']) {
             return Err(LinkError::LineEnd {
@@ -238,7 +240,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
 
     /// Reads what has been received already, without waiting; returns whether the peer has closed after it.
     async fn read_available(&mut self, message: &str) -> Result<bool, LinkError> {
-        // Lets the runtime poll its sockets, and keeps its budget from hiding received bytes.
+        // The yield lets the runtime poll its sockets; `unconstrained` keeps the cooperative budget of tokio from
+        // hiding received bytes.
         tokio::task::yield_now().await;
         let mut chunk = [0; 512];
         while self.received.len() < self.longest_reply {

@@ -1,4 +1,4 @@
-//! Resynchronises a link: the peer must echo what was just sent.
+//! Resynchronises a link: the peer must echo numbers that were just sent.
 
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::Instant;
@@ -6,20 +6,20 @@ use tokio::time::Instant;
 use crate::link::{Link, LinkError, State};
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
-    /// Resynchronises a link whose connection cannot be dropped, by the event enable register of every IEEE 488.2
-    /// instrument: the peer must return two numbers just written to it; everything received before is discarded, and
-    /// the register is restored. A failed attempt may be repeated. Only if the peer never replied to the first query is
-    /// the register's value lost; it is then set to 0, its value at power-on.
+    /// Resynchronises a link whose connection cannot be replaced. Writes two numbers in turn to the event enable
+    /// register, which every IEEE 488.2 instrument has, and waits until each is read back; everything received before
+    /// is discarded. The register is then restored to its original value, or to 0 (its value at power-on) if the
+    /// original value was never received. A failed attempt may be repeated.
     ///
     /// # Errors
-    /// A lost connection, or a timeout: the link stays out of step.
+    /// A lost connection, or a timeout; the link stays unsynchronised.
     pub async fn resynchronise(&mut self) -> Result<(), LinkError> {
         let first = self.next_nonce();
         let second = self.next_nonce();
         self.state = State::Unsynchronised;
         self.end_partial_message().await?;
 
-        // Half a line may have been received: the reply glued to it is discarded with it.
+        // Half a line may have been received before: the reply to this query completes it and is discarded with it.
         let until = Instant::now() + self.deadline;
         self.write("*ESE?", self.deadline, until).await?;
 
@@ -29,7 +29,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         let echoed = self
             .await_echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
                 let (before, now) = two_numbers(line)?;
-                // The register's own value is the one before the first number written.
+                // `before` is the original value unless it is a number written by this or an earlier attempt.
                 let turn = sent_so_far.iter().position(|number| *number == now)?;
                 if !sent_so_far[..turn].contains(&before) {
                     found.get_or_insert(before);
@@ -55,10 +55,10 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     }
 
     /// Like [`Link::resynchronise`] for a peer without `*ESE`: sends each message in turn and discards lines until its
-    /// expected reply arrives. Needs at least two messages, with replies that no earlier query can have had.
+    /// expected reply arrives. Needs at least two messages, whose replies no earlier query can have had.
     ///
     /// # Errors
-    /// A lost connection, or an expected reply missing at the timeout: the link stays out of step.
+    /// A lost connection, or an expected reply missing at the timeout; the link stays unsynchronised.
     pub async fn resynchronise_by(&mut self, probes: &[(&str, &str)]) -> Result<(), LinkError> {
         self.state = State::Unsynchronised;
         self.end_partial_message().await?;
@@ -97,7 +97,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         }
     }
 
-    /// In step again if nothing was received after the last recognised line.
+    /// Marks the link synchronised if nothing was received after the last recognised line.
     pub(super) async fn confirm_synchronised(&mut self, message: &str) -> Result<(), LinkError> {
         self.read_available(message).await?;
         if !self.received.is_empty() {
@@ -107,14 +107,14 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         Ok(())
     }
 
-    /// 1 to 255, never the same twice in a row.
+    /// A number from 1 to 255, different from the previous one.
     fn next_nonce(&mut self) -> u8 {
         self.nonce = self.nonce.wrapping_add(97).max(1);
         self.nonce
     }
 }
 
-/// `12;34`, perhaps with signs and blanks.
+/// Parses `12;34`; signs and blanks are allowed.
 fn two_numbers(line: &str) -> Option<(u8, u8)> {
     let (one, other) = line.split_once(';')?;
     Some((one.trim().parse().ok()?, other.trim().parse().ok()?))

@@ -130,14 +130,14 @@ pub enum TranscriptError {
         "{place}:{line}: {problem}; a line is {{\"t_s\":SECONDS,\"instrument\":\"NAME\",\"sent\":\"TEXT\"}}, or with received or note in place of sent"
     )]
     Line {
-        /// The file, or its substitute in messages.
+        /// The file, or the name used for it in messages.
         place: String,
-        /// Counted from 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// What is wrong with the line.
         problem: String,
     },
-    /// The file cannot be made or written.
+    /// The file cannot be created or written.
     #[error("the transcript {} cannot be written; check the folder, its permissions and the space on the disk", path.display())]
     Unwritable {
         /// The file.
@@ -148,7 +148,7 @@ pub enum TranscriptError {
     },
 }
 
-/// Reads a transcript from a file: its entries in their order, each with the number of its line.
+/// Reads a transcript from a file. Returns the entries in order, each with its line number (from 1).
 ///
 /// # Errors
 /// A file that cannot be read or is larger than 256 MiB; a line that is not an entry, with file and line.
@@ -166,8 +166,8 @@ pub fn read_transcript(path: &Path) -> Result<Vec<(usize, Entry)>, TranscriptErr
     parse_transcript(&path.display().to_string(), &text)
 }
 
-/// Reads a transcript from text; `place` names it in errors. Empty lines are skipped; an incomplete last line, as a
-/// killed process leaves it, is an error like any other.
+/// Reads a transcript from text; `place` is its name in errors. Returns the entries in order, each with its line number
+/// (from 1). Empty lines are skipped; an incomplete last line (left by a killed process) is an error.
 ///
 /// # Errors
 /// A line that is not an entry.
@@ -186,7 +186,7 @@ pub fn parse_transcript(place: &str, text: &str) -> Result<Vec<(usize, Entry)>, 
         .collect()
 }
 
-/// Writes a transcript, each entry at once, so that it survives a crash.
+/// Writes a transcript. Each entry is flushed at once, so that the transcript survives a crash of the process.
 #[derive(Debug)]
 pub struct TranscriptWriter {
     file: BufWriter<File>,
@@ -262,7 +262,7 @@ mod tests {
                 .write(&entry(f64::NAN, EntryContent::Note(String::new())))
                 .is_err()
         );
-        // Nobody's transcript is overwritten.
+        // an existing transcript is not overwritten
         assert!(TranscriptWriter::create(&path).is_err());
         let read = read_transcript(&path).unwrap();
         assert_eq!(

@@ -1,8 +1,8 @@
 //! Recent messages to and from a rig's instruments, kept in memory for analysing failed frames.
 //!
-//! A ring transcript holds the *opening* (from connecting to the settings read back) and the last frames. A frame's
-//! messages after its opening are a complete conversation, which `tactus-sim replay` can play to instruments that were
-//! just switched on.
+//! A ring transcript holds the *opening* (the messages from connecting to the read-back of the settings) and the last
+//! frames. A frame's messages after its opening are a complete conversation, which `tactus-sim replay` can send to
+//! simulated instruments that were just switched on.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,11 +11,11 @@ use tokio::time::Instant;
 
 use crate::transcript::{Entry, EntryContent};
 
-/// Most entries of one frame, ten times those of a frame with 598 messages; beyond it the oldest are dropped and
-/// counted.
+/// Maximum number of entries of one frame, ten times the number in a frame with 598 messages; beyond it the oldest
+/// entries are dropped and counted.
 const LONGEST_TRANSCRIPT: usize = 16 * 1024;
 
-/// Written to by every link of a rig. A handle: copies write to the same transcript.
+/// A transcript that every link of a rig writes to. A handle: clones write to the same transcript.
 #[derive(Debug, Clone)]
 pub struct RingTranscript(Arc<Mutex<RingState>>);
 
@@ -32,11 +32,11 @@ struct RingState {
 /// The messages of one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transcript {
-    /// Counted from 1 since the transcript was begun.
+    /// Number of the frame, from 1 since the transcript was begun.
     pub number: u64,
-    /// From connecting to the settings read back.
+    /// The messages from connecting to the read-back of the settings.
     pub opening: Arc<Vec<Entry>>,
-    /// The messages of this frame since then.
+    /// The messages of this frame after the opening.
     pub entries: Vec<Entry>,
     /// Number of entries dropped at its beginning.
     pub lost: u64,

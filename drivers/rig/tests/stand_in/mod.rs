@@ -1,7 +1,7 @@
 //! Test implementations of source, switch and voltmeter with a shared state that counts calls, fails on request, and
 //! asserts the safety rules of a source.
 
-// each test file uses only a part of this
+// each test file uses only a part of this module
 #![allow(dead_code)]
 
 pub mod wirings;

@@ -51,7 +51,7 @@ pub fn matrix(electrodes: usize) -> Wiring {
     )
 }
 
-/// Four poles, any electrode on each.
+/// A multiplexer board: four poles, any electrode on each.
 pub fn board(electrodes: usize) -> Wiring {
     let poles = |plus: u32, minus: u32| {
         move |pair: Dipole| {

@@ -6,7 +6,8 @@ use crate::assessment::{Assessment, MIN_CORRELATION};
 use crate::probe::PartlyClosed;
 
 impl Assessment<'_> {
-    /// Relays that stay closed: a reading or current where there should be none. Returns whether there are any.
+    /// Finds relays that stay closed: they cause a reading or a current where there should be none. Returns whether
+    /// there are any.
     pub(super) fn stay_closed(&self, findings: &mut Vec<String>) -> bool {
         let before = findings.len();
         let mut say = |relay: Option<Relay>, kind: &str| {
@@ -71,8 +72,9 @@ impl Assessment<'_> {
         findings.len() > before
     }
 
-    /// The relay whose pattern is most similar to the readings taken while it should have been open. `model` gives the
-    /// voltage for a candidate (a pair, or the electrode opposite the lone one) and a position in the row.
+    /// The relay whose pattern is most similar to the readings taken while it should have been open. `model` returns
+    /// the expected voltage for a candidate (a pair, or the electrode on the other side of the lone relay) and a
+    /// position in the row.
     pub(super) fn which(
         &self,
         partly_closed: &PartlyClosed,
@@ -80,7 +82,7 @@ impl Assessment<'_> {
         model: impl Fn(Option<&dyn Fn(usize) -> (usize, usize)>, usize, usize) -> Option<f64>,
     ) -> Option<Relay> {
         let read = &partly_closed.row.volts;
-        // for a relay of one side only: its electrode, and whether it is the minus side
+        // if one relay of a pair is closed: its electrode, and its position in the pair (0 is the plus side)
         let side = partly_closed.closed.first().and_then(|closed| {
             pairs.iter().find_map(|(pair, relays)| {
                 let place = relays.iter().position(|relay| relay == closed)?;
@@ -110,7 +112,7 @@ impl Assessment<'_> {
                 .flatten()
                 .all(|volts| volts.abs() < 1e-3 * typical)
         {
-            // current, but no voltage: source or voltmeter is shorted through the lone relay's own electrode
+            // no voltage at all: source or voltmeter is shorted through the electrode of the lone relay
             return other_side(electrode, place);
         }
         let mut best: Option<(f64, Relay)> = None;

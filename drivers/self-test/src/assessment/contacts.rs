@@ -24,7 +24,7 @@ impl Assessment<'_> {
         let open = self.open_electrodes();
         let contact = |electrode: usize| {
             let last = (electrode + n - 1) % n;
-            // current leaves by the last pair's minus, voltage at this pair's plus, and the reverse
+            // the previous pair driven and this pair sensed, and the reverse: they share this electrode
             let each = [(last, electrode), (electrode, last)];
             let seen: Vec<f64> = each
                 .into_iter()

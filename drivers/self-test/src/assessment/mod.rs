@@ -1,8 +1,8 @@
 //! Assessment of the readings of a self-test.
 //!
-//! The reference is the uniform sheet of the configured geometry, its resistance fitted to the readings: each injecting
-//! relay is a row, each measuring relay a column of the matrix of readings, and an electrode's contact shows in the
-//! readings whose driving and sensing pair share the electrode.
+//! The reference is the uniform sheet of the configured geometry, with its resistance fitted to the readings. In the
+//! matrix of readings each injecting pair is a row and each measuring pair a column. The contact of an electrode is
+//! determined from the readings whose driving and sensing pair share the electrode.
 
 mod closed;
 mod contacts;
@@ -16,23 +16,24 @@ use crate::probe::Measured;
 use crate::report::{CheckOutcome, Report, ReportLine};
 use crate::uniform_sheet::{ExpectedSheet, Uniform};
 
-/// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.
+/// Relative difference from the uniform sheet above which a row or column is at fault; loads and uneven sheets cause
+/// less.
 const GAIN_TOLERANCE: f64 = 0.4;
-/// A measuring pair whose readings are below this fraction of the expected ones is connected to nothing.
+/// A measuring pair whose readings are below this fraction of the expected ones is disconnected.
 const DISCONNECTED: f64 = 0.1;
-/// From this unexplained part of the readings on, nothing is compared with the uniform sheet.
+/// If more than this part of the readings is unexplained, nothing is compared with the uniform sheet.
 const UNEXPLAINED: f64 = 0.7;
 /// Exchanging drive and sense changes the readings of a sound rig by less than this, rms.
 const RECIPROCITY: f64 = 0.01;
-/// A contact is poor if it has this many times the median, plus [`CONTACT_OFFSET_OHM`].
+/// A contact is poor above this many times the median resistance plus [`CONTACT_OFFSET_OHM`].
 const CONTACT_FACTOR: f64 = 5.0;
 const CONTACT_OFFSET_OHM: f64 = 100.0;
-/// Noise is reported as high from this many times the configured value.
+/// Noise is too high above this many times the configured value.
 const NOISE_FACTOR: f64 = 10.0;
-/// A channel is noisy from this many times the noise of the others and of the configured noise; over eight readings the
-/// deviation of a sound channel is less than three times.
+/// A channel is noisy above this many times both the noise of the others and the configured noise. The standard
+/// deviation of eight readings of a sound channel is less than three times its noise.
 const NOISY_CHANNEL_FACTOR: f64 = 5.0;
-/// Smallest correlation of patterns at which a relay is named.
+/// Smallest correlation with the expected pattern at which a relay is named.
 const MIN_CORRELATION: f64 = 0.8;
 
 /// Assesses the readings: compares them with the expected sheet and names the electrode or relay at fault. `noise_v` is
@@ -64,7 +65,7 @@ struct Assessment<'a> {
     wiring: &'a Wiring,
     sheet: Uniform,
     n: usize,
-    /// Ohm, by driven and sensed pair; `None` without a reading.
+    /// Transfer resistance, ohm, by driven and sensed pair; `None` without a reading.
     matrix: Vec<Vec<Option<f64>>>,
     current: f64,
 }

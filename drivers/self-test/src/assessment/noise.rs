@@ -34,11 +34,11 @@ impl Assessment<'_> {
             .collect()
     }
 
-    /// The usual noise of a measuring pair at 0 A, and the pairs with many times as much.
+    /// The median noise of the measuring pairs at 0 A, V, and the pairs that are noisy ([`NOISY_CHANNEL_FACTOR`]).
     fn noisy(&self, noise_v: f64) -> (f64, Vec<usize>) {
         let each = self.at_zero();
         let usual = median(each.iter().copied().flatten()).unwrap_or(0.0);
-        // a rig with less noise than configured has no noisy channel
+        // noise up to the configured one never makes a channel noisy
         let most = NOISY_CHANNEL_FACTOR * usual.max(noise_v);
         let noisy = (0..each.len()).filter(|pair| each[*pair].is_some_and(|noise| noise > most));
         (usual, noisy.collect())
@@ -56,8 +56,8 @@ impl Assessment<'_> {
         deviation(pooled)
     }
 
-    /// The noise of every measuring pair. Two neighbouring noisy pairs share an electrode, which is named; for a single
-    /// noisy pair its relay is named.
+    /// Reports the noise of every measuring pair. Of exactly two neighbouring noisy pairs the shared electrode is
+    /// named, of any other noisy pair its relays.
     pub(super) fn channels(
         &self,
         noise_v: f64,

@@ -19,7 +19,7 @@ impl Assessment<'_> {
         lines: &mut Vec<ReportLine>,
     ) {
         let open = self.open_electrodes();
-        // The readings of a dead measuring pair are its own fault, not that of the injecting pair.
+        // The readings of a disconnected measuring pair are not the fault of the injecting pair.
         let dead: Vec<bool> = (0..self.wiring.measure.len())
             .map(|pair| {
                 self.sensed_gain(pair)
@@ -68,7 +68,8 @@ impl Assessment<'_> {
         }
     }
 
-    /// The readings of a measuring pair as a fraction of the model's, and the spread of single readings around that.
+    /// The readings of a measuring pair as a fraction of those of the model, and the part that this fraction does not
+    /// explain.
     pub(super) fn sensed_gain(&self, pair: usize) -> Option<(f64, f64)> {
         Self::gain(
             self.readings()
@@ -120,7 +121,8 @@ impl Assessment<'_> {
     }
 }
 
-/// The relay of a pair that failed with another pair's relay as well; all relays of the pair if there was no retry.
+/// The relays of a pair that also failed together with a relay of another pair; all relays of the pair if no retry
+/// failed.
 fn at_fault(retries: &[Retry], pair: usize, relays: &[Relay]) -> Vec<Relay> {
     let led_nowhere = retries
         .iter()

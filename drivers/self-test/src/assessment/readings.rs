@@ -11,7 +11,8 @@ impl Assessment<'_> {
         apart <= 1 || apart == self.n - 1
     }
 
-    /// Pairs of pairs that share no electrode, with the measured and the expected value, ohm.
+    /// The readings whose driven and sensed pair share no electrode: driven pair, sensed pair, measured and expected
+    /// value, ohm.
     pub(super) fn readings(&self) -> impl Iterator<Item = (usize, usize, f64, f64)> + '_ {
         (0..self.n).flat_map(move |drive| {
             (0..self.n)
@@ -30,7 +31,8 @@ impl Assessment<'_> {
         (median > 1e-6 && median < 1e6).then_some(median)
     }
 
-    /// The part of the sheet's pattern in these readings, and the unexplained rest; `None` without readings.
+    /// Fits the expected values to these (measured, expected) readings: the factor, and the unexplained rest; `None`
+    /// for fewer than three readings.
     pub(super) fn gain(readings: impl Iterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
         let readings: Vec<(f64, f64)> = readings.collect();
         let power: f64 = readings.iter().map(|(_, model)| model * model).sum();
@@ -66,9 +68,10 @@ impl Assessment<'_> {
         (power > 0.0).then(|| (differing / power).sqrt())
     }
 
-    /// By superposition of neighbouring pairs on four electrodes a quarter ring apart: the raw value of the formula,
-    /// and the value corrected by the formula's error on the model of a sheet of known resistance. Every placement of
-    /// the four is tried until one has all readings; a missing one is taken from its reciprocal.
+    /// Sheet resistance, ohm, by van der Pauw's formula on four electrodes a quarter ring apart, whose readings are
+    /// superposed from those of neighbouring pairs: the raw value, and the value corrected by the error of the formula
+    /// on a model sheet of known resistance. Every placement of the four electrodes is tried until one has all
+    /// readings; a missing reading is replaced by its reciprocal.
     pub(super) fn van_der_pauw(&self) -> Option<(f64, f64)> {
         let n = self.n;
         let quarter = |place: usize| (place * n + 2) / 4;

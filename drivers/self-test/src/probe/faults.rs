@@ -7,7 +7,8 @@ use super::{Measured, Probe, ProbeError, Retry, Row, volts};
 use crate::median::median;
 
 impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
-    /// Which relay of two does not close, for pairs that carry no current although their neighbours do.
+    /// Retries pairs that carry no current although their neighbours do, to find which of their two relays does not
+    /// close.
     pub(super) async fn retry(&mut self, raw: &Measured) -> Result<Vec<Retry>, ProbeError> {
         let inject = &self.request.plan.wiring.inject;
         let n = inject.len();
@@ -36,7 +37,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(retries)
     }
 
-    /// Which measuring relay of two does not close, for pairs that read nothing at any injection.
+    /// Retries measuring pairs that read nothing at any injection, to find which of their two relays does not close.
     pub(super) async fn retry_meter(&mut self, raw: &Measured) -> Result<Vec<Retry>, ProbeError> {
         let wiring = &self.request.plan.wiring;
         let n = wiring.measure.len();
@@ -73,7 +74,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(retries)
     }
 
-    /// The part of the voltmeter's reading that follows the current: a disconnected voltmeter may show any value.
+    /// The voltmeter's reading minus that at 0 A, because a disconnected voltmeter may return any value.
     async fn reading_of_current(&mut self, driven: &[Relay]) -> Result<Option<f64>, ProbeError> {
         self.close(driven).await?;
         let still = volts(self.interruptible_read().await?);
@@ -97,8 +98,8 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     }
 }
 
-/// The relay combinations for finding relays that should be open: none closed if a pair has one relay; if it has two,
-/// each side alone, on two electrodes far apart. A wiring file may have pairs of one relay and of two: then none is closed.
+/// The relays to close for finding relays that should be open. If every pair has two relays: each side alone, on two
+/// electrodes far apart. Otherwise, also if a wiring file mixes pairs of one and of two relays: none.
 pub(super) fn partly_closed(pairs: &[(survey::Dipole, Vec<Relay>)]) -> Vec<Vec<Relay>> {
     let two: Option<Vec<[Relay; 2]>> = pairs
         .iter()

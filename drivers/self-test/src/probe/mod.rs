@@ -10,7 +10,7 @@ mod faults;
 
 use faults::partly_closed;
 
-/// Scans or single readings for the noise.
+/// Number of scans or single readings for the noise.
 const REPEATS: usize = 8;
 
 /// Settings of a self-test.
@@ -19,9 +19,10 @@ pub struct Request<'a> {
     pub plan: &'a Plan,
     /// The voltmeter's settings for the plan.
     pub meter: MeterSettings,
-    /// A range of the voltmeter that covers the source's whole voltage limit.
+    /// A range of the voltmeter that covers the source's voltage limit.
     pub wide: Volts,
-    /// Connect the scanned banks to the voltmeter, where a scan of the voltmeter does so otherwise.
+    /// Relays that connect the scanned banks to the voltmeter. A scan closes them itself; for readings without a scan
+    /// the self-test closes them.
     pub meter_relays: Vec<Relay>,
     /// Wait after a change of current.
     pub settle: Duration,
@@ -37,7 +38,7 @@ pub enum ProbeError {
     /// A fault of an instrument or its connection.
     #[error(transparent)]
     Rig(#[from] RigError),
-    /// The request's stop was triggered.
+    /// A stop was requested.
     #[error("the self-test was stopped")]
     Stopped,
 }
@@ -51,7 +52,7 @@ pub struct Row {
     pub volts: Vec<Option<f64>>,
 }
 
-/// Readings with some, not all, relays of a pair closed: no current or voltage is expected.
+/// Readings with some or none of the relays of a pair closed: no current or voltage is expected.
 #[derive(Debug, Clone)]
 pub struct PartlyClosed {
     /// The closed relays; none if a pair has one relay.
@@ -60,7 +61,7 @@ pub struct PartlyClosed {
     pub row: Row,
 }
 
-/// A retry of a pair that carried no current, with another pair's relay in place of one of its own.
+/// A retry of a faulty pair, with a relay of another pair in place of one of its own.
 #[derive(Debug, Clone)]
 pub struct Retry {
     /// The pair, from 0.
@@ -74,19 +75,22 @@ pub struct Retry {
 /// All measurements.
 #[derive(Debug, Clone, Default)]
 pub struct Measured {
-    /// For each injecting pair.
+    /// One row for each injecting pair.
     pub rows: Vec<Row>,
-    /// For injecting relays that should be open.
+    /// Rows with only part of a pair's injecting relays closed, or none: any current flows through relays that should
+    /// be open.
     pub lone_sources: Vec<PartlyClosed>,
-    /// Voltages of each injection, minus those at 0 A.
+    /// Rows with only part of a pair's measuring relays closed, or none: the voltage of each injection minus that at 0
+    /// A.
     pub lone_meters: Vec<PartlyClosed>,
-    /// For pairs that carried no current.
+    /// Retries of pairs that carried no current.
     pub retries: Vec<Retry>,
-    /// The same for pairs that read nothing: whether a voltage was read.
+    /// Retries of measuring pairs that read nothing; `flows` tells whether a voltage was read.
     pub meter_retries: Vec<Retry>,
-    /// Repetitions of the same readings, one row each.
+    /// Repetitions of the same readings with current, one row each, V.
     pub repeats: Vec<Vec<Option<f64>>>,
-    /// At 0 A: repeated readings of every measuring pair. They do not contain the noise of the current and of its path.
+    /// Repeated readings of every measuring pair at 0 A, one row each, V. They do not contain the noise of the current
+    /// and of its path.
     pub zero: Vec<Vec<Option<f64>>>,
 }
 
@@ -221,7 +225,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         switch.settle().await
     }
 
-    /// The output is switched on at 0 A, never at a level.
+    /// Sets the current. The output is switched on at 0 A, never at a level.
     async fn drive(&mut self, level: Amps) -> Result<(), RigError> {
         if !self.on {
             self.rig.source.set_current(Amps(0.0)).await?;
@@ -231,8 +235,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         self.rig.source.set_current(level).await
     }
 
-    /// Closes relays at 0 A, applies the current, reads every pair (or those in `only`), and opens the relays at 0 A
-    /// again.
+    /// Closes relays at 0 A, applies the current, reads as [`Probe::read_pairs`], and opens the relays at 0 A again.
     async fn inject(&mut self, relays: &[Relay], only: Option<&[bool]>) -> Result<Row, ProbeError> {
         self.close(relays).await?;
         // clears compliance latched by the last injection
@@ -251,7 +254,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(row)
     }
 
-    /// Reads every measuring pair, or those in `only`.
+    /// Reads every measuring pair, or those in `only` (a scan always reads all).
     async fn read_pairs(&mut self, only: Option<&[bool]>) -> Result<Vec<Option<f64>>, ProbeError> {
         let wiring = &self.request.plan.wiring;
         if wiring.sensing == Sensing::Scan {
@@ -299,8 +302,8 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     }
 }
 
-/// A reading that a stop can interrupt: it may take long, but the source has its own connection and is switched off at
-/// once.
+/// Waits for a reading, which may take long. On a stop request the source, which has its own connection, is switched
+/// off at once.
 async fn interruptible<T>(
     stop: &Stop,
     source: &mut impl CurrentSource,

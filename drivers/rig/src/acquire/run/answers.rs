@@ -7,7 +7,10 @@ use super::Run;
 use crate::{Compliance, RigError};
 
 impl Run<'_> {
-    /// Stores readings; with reversal, the second polarity yields half differences.
+    /// Stores the readings of a step; in the reversed polarity as half the difference to the first.
+    ///
+    /// # Errors
+    /// [`RigError::ReadingCount`] if the number of readings is not that of the step.
     pub(super) fn take(&mut self, step: &Step, came: Vec<Reading>) -> Result<(), RigError> {
         let counted = |expected: usize| match came.len() {
             came if came == expected => Ok(()),
@@ -70,9 +73,9 @@ impl Run<'_> {
         }
     }
 
-    /// Invalidates the injections at which the source was in compliance. Compliance that began and ended since the last
-    /// query may have occurred during the previous injection: then that one is invalidated too; also if it is uncertain
-    /// that the relays had moved on from it.
+    /// Invalidates the injections at which the source was in compliance: the present one, and the previous one if it
+    /// was applied after the last query. Only if the source is in compliance now and the relays are known to have moved
+    /// (`moved`) is the previous injection not affected.
     pub(super) fn invalidate_by_compliance(&mut self, compliance: Compliance, moved: bool) {
         self.driven.compliance |= compliance.occurred();
         let here = self.driven.now.filter(|_| compliance.occurred());

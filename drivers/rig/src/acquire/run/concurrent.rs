@@ -6,11 +6,11 @@ use tokio::sync::watch;
 
 use crate::Stop;
 
-/// Completes when a stop is requested, or the caller has gone.
+/// Completes when a stop is requested, or when the caller has dropped its future.
 pub(super) async fn interrupted(mut stop: Stop, mut caller: watch::Receiver<()>) {
     tokio::select! {
         () = stop.requested() => {}
-        // nothing is ever sent: only the caller's end is noticed
+        // nothing is ever sent: this completes only when the caller's end is dropped
         _ = caller.changed() => {}
     }
 }

@@ -27,7 +27,7 @@ const RELAY_MOVE_TIME: Duration = Duration::from_millis(20);
 /// The longest settling time left to a scan: unlike a wait here, it cannot be interrupted by a stop.
 const LONGEST_SCAN_WAIT: Duration = Duration::from_secs(1);
 
-/// Where the current flows, and in which direction.
+/// The present injection: its pair, polarity and relays.
 #[derive(Debug, Default)]
 struct DriveState {
     now: Option<Dipole>,
@@ -35,13 +35,13 @@ struct DriveState {
     unqueried: Option<Dipole>,
     /// Whether the polarity is reversed.
     reversed: bool,
-    /// Whether the injecting relays are known to have moved.
+    /// Whether the injecting relays are known to have settled.
     settled: bool,
     /// Injecting relays that should be closed now.
     relays: Vec<Relay>,
-    /// The injection that was not reported yet: since when, and its last reading.
+    /// The injection that has not been reported yet, its start, and the time of its last reading.
     unreported: Option<(Dipole, Instant, Instant)>,
-    /// Whether the source was in compliance.
+    /// Whether the source was in compliance during this injection.
     compliance: bool,
 }
 
@@ -106,7 +106,7 @@ impl<'a> Run<'a> {
         prepare(rig, self.plan, self.meter)
             .await
             .map_err(EndReason::Prepare)?;
-        // Read back just now.
+        // `prepare` has just read back 0 A
         self.level = Some(Amps(0.0));
         let plan = self.plan;
         let mut steps = plan.steps.iter().enumerate().peekable();
@@ -181,7 +181,8 @@ impl<'a> Run<'a> {
                 self.switch_on(rig).await
             }
             Step::Overlap { open, close, drive } => {
-                // switched off because of compliance, it is switched on again only when the next pair is joined
+                // a source that is off (at first, or because of compliance) is switched on only after the relays of the
+                // next pair have settled
                 let settled = !self.on;
                 self.set_drive(*drive, close, settled);
                 let close = Move::Close(close.clone());
@@ -212,7 +213,7 @@ impl<'a> Run<'a> {
             Step::Compliance { .. } => {
                 let compliance = rig.source.compliance().await?;
                 if compliance.occurred() {
-                    // the next injection switches it on again
+                    // the next injection switches the source on again
                     self.off(&mut rig.source).await?;
                 }
                 self.invalidate_by_compliance(compliance, true);
@@ -221,7 +222,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Switches the source off, read back.
+    /// Switches the source off and verifies by read-back.
     async fn off<C: CurrentSource>(&mut self, source: &mut C) -> Result<(), RigError> {
         (self.level, self.on) = (None, false);
         source.off().await?;
@@ -229,12 +230,13 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Waits for readings. They may take minutes, and the source's connection is free meanwhile: its compliance is
-    /// queried, and it is switched off at once in compliance or on a stop request; readings after a stop are discarded
-    /// with the frame.
+    /// Takes the readings of a step, which may take minutes. The source's connection is free meanwhile: with `ask` its
+    /// compliance is queried. In compliance, or on a stop request, the source is switched off at once; readings after a
+    /// stop are discarded with the frame.
     ///
-    /// Relays that move in the message of the readings get [`RELAY_MOVE_TIME`] before the source is queried. If they need
-    /// longer, the reply may refer to the previous injection: then both are invalidated.
+    /// Relays that move in the message of the readings get [`RELAY_MOVE_TIME`] before the source is queried. If they
+    /// need longer, the compliance reported may be that of the previous injection: then both injections are
+    /// invalidated.
     async fn read<C: CurrentSource, W, V: Voltmeter>(
         &mut self,
         rig: &mut Instruments<C, W, V>,
@@ -271,7 +273,7 @@ impl<'a> Run<'a> {
                 compliance = Some(off.and(compliance.unwrap_or(Ok(Compliance::default()))));
             }
         }
-        // Finished in any case: an interrupted exchange would leave the voltmeter's link out of step.
+        // Finished in any case: an interrupted exchange would leave the voltmeter's link unsynchronised.
         let answer = reading.finish().await;
         let compliance = compliance.transpose()?;
         self.take(step, answer?)?;
@@ -295,7 +297,7 @@ impl<'a> Run<'a> {
         };
     }
 
-    /// Switches on at the plan's current, with the polarity that is due.
+    /// Switches the source on at the plan's current, negative if the polarity is reversed.
     async fn switch_on<C: CurrentSource, W, V>(
         &mut self,
         rig: &mut Instruments<C, W, V>,
@@ -308,7 +310,7 @@ impl<'a> Run<'a> {
         if self.on {
             return self.drive(rig, level).await;
         }
-        // The output goes on at 0 A, never at a level.
+        // The output is switched on at 0 A, never at a level.
         self.drive(rig, Amps(0.0)).await?;
         rig.source.switch_on(level).await?;
         (self.level, self.on) = (Some(level), true);
@@ -345,7 +347,7 @@ async fn ask_voltmeter<V: Voltmeter>(
                 wait: Duration::ZERO,
             };
             let mut channels: Vec<Sample> = channels.iter().map(sample).collect();
-            // The voltmeter scans ascending.
+            // The voltmeter scans in ascending order: the wait belongs to the lowest channel.
             let first = channels.iter_mut().min_by_key(|sample| sample.relay);
             if let Some(first) = first {
                 first.wait = wait;
@@ -365,7 +367,7 @@ async fn ask_voltmeter<V: Voltmeter>(
     }
 }
 
-/// Open, then close; nothing for an empty list.
+/// The moves that open and then close these relays; none for an empty list.
 fn moves(open: &[Relay], close: &[Relay]) -> Vec<Move> {
     let open = (!open.is_empty()).then(|| Move::Open(open.to_vec()));
     let close = (!close.is_empty()).then(|| Move::Close(close.to_vec()));
