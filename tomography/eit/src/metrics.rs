@@ -1,10 +1,11 @@
-//! Figures of merit: GREIT's on raster images, and comparisons of a map with its truth.
+//! Figures of merit: those of GREIT for raster images, and comparisons of a map with the true change.
 //!
-//! GREIT (Adler and others, Physiol. Meas. 30 (2009) S35), as EIDORS computes them: q is the set of pixels at or above 25 %
-//! of the image's maximum; pixels outside are NaN; the raster covers the bounding box scaled to [-1, 1], x along rows
-//! (the first index), y along columns (the second), first and last pixel centres on -1 and 1.
+//! GREIT (Adler and others, Physiol. Meas. 30 (2009) S35), as EIDORS computes them. q is the set of pixels at or above
+//! 25 % of the image's maximum; pixels outside of the sheet are NaN. The raster covers the bounding box scaled to [-1,
+//! 1], x along rows (the first index), y along columns (the second); the centres of the first and the last pixel are at
+//! -1 and 1.
 
-/// Share of the maximum from which a pixel belongs to q.
+/// Least value of a pixel of q, as a share of the maximum.
 pub const QUARTER: f64 = 0.25;
 
 /// A raster of values; NaN outside of the sheet.
@@ -21,25 +22,25 @@ pub enum MeritError {
     /// Rows of different lengths, or none.
     #[error("row {row} of the image has {has} values, the first has {wants}")]
     Ragged {
-        /// The row, from 0.
+        /// Index of the row, from 0.
         row: usize,
-        /// Its values.
+        /// Number of its values.
         has: usize,
-        /// Values of the first row.
+        /// Number of values of the first row.
         wants: usize,
     },
     /// Fewer than two rows or columns.
     #[error("an image of {rows} x {columns} pixels has no coordinates; 2 x 2 is the least")]
     Small {
-        /// Rows.
+        /// Number of rows.
         rows: usize,
-        /// Columns.
+        /// Number of columns.
         columns: usize,
     },
-    /// No pixel is inside.
+    /// No pixel is inside of the sheet.
     #[error("no pixel of the image is inside: all are NaN")]
     Outside,
-    /// An infinite value.
+    /// A pixel has an infinite value.
     #[error("pixel {row}, {column} is infinite")]
     Infinite {
         /// Row, from 0.
@@ -47,32 +48,32 @@ pub enum MeritError {
         /// Column, from 0.
         column: usize,
     },
-    /// No pixel above zero: there is no q.
+    /// No pixel is above zero, so that q is empty.
     #[error(
         "no pixel of the image is above zero; images of losses are negative: negate them before they are evaluated"
     )]
     Nothing,
 }
 
-/// GREIT's five figures.
+/// The five figures of GREIT, and the centroid of q.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Greit {
-    /// Sum of the image.
+    /// Sum over the pixels of the image.
     pub amplitude: f64,
     /// |target| - |centroid of q|, in units of half the bounding box.
     pub position_error: f64,
     /// sqrt(#q / #inside).
     pub resolution: f64,
-    /// Share of q outside the circle of equal area about its centroid.
+    /// Share of q outside of the circle of equal area around its centroid.
     pub shape_deformation: f64,
     /// -(sum of negative pixels not in q) / (sum over q).
     pub ringing: f64,
-    /// Centroid of q, each pixel counted once, in [-1, 1].
+    /// Unweighted centroid of q, in [-1, 1].
     pub centroid: [f64; 2],
 }
 
 impl Image {
-    /// From rows of values; NaN is outside.
+    /// An image from rows of values; NaN outside of the sheet.
     ///
     /// # Errors
     /// See [`MeritError`].
@@ -116,17 +117,17 @@ impl Image {
         }
     }
 
-    /// Rows and columns.
+    /// Number of rows and columns.
     pub fn shape(&self) -> [usize; 2] {
         [self.rows, self.columns]
     }
 
-    /// Row-major, NaN outside.
+    /// The values in row-major order; NaN outside of the sheet.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Position of a pixel's centre.
+    /// Position of a pixel's centre, in [-1, 1].
     fn place(&self, pixel: usize) -> [f64; 2] {
         let at = |k: usize, count: usize| -1.0 + 2.0 * k as f64 / (count - 1) as f64;
         [
@@ -135,7 +136,7 @@ impl Image {
         ]
     }
 
-    /// The figures, for a target in the same coordinates.
+    /// The figures, for a target at this position in the same coordinates.
     ///
     /// # Errors
     /// [`MeritError::Nothing`].
@@ -191,9 +192,10 @@ impl Image {
         })
     }
 
-    /// Structural similarity (Wang and others 2004) with another image of the same raster: Gaussian windows of 1.5 pixels
-    /// reaching 5, constants (0.01 `range`)^2 and (0.03 `range`)^2, the mean over pixels inside both; windows are cut at the
-    /// border and weighted anew. `None` where shapes differ or no pixel is inside both.
+    /// Structural similarity (Wang and others 2004) with another image of the same raster: Gaussian windows with a
+    /// standard deviation of 1.5 pixels and a reach of 5, constants (0.01 `range`)^2 and (0.03 `range`)^2, mean over
+    /// the pixels that are inside of both images. Windows are cut at the border and their weights normalised again.
+    /// `None` if shapes differ or no pixel is inside of both.
     pub fn ssim(&self, other: &Self, range: f64) -> Option<f64> {
         const REACH: usize = 5;
         if self.shape() != other.shape() {
@@ -231,18 +233,19 @@ impl Image {
     }
 }
 
-/// A map beside its truth, both losses or both gains, one value and area a triangle or pixel.
+/// Comparison of a map with the true change; both are losses, or both gains.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Likeness {
-    /// Pearson's, weighted by area; 0 where either is constant.
+    /// Pearson's correlation, weighted by area; 0 if either is constant.
     pub correlation: f64,
-    /// |map - truth| / |truth|, weighted by area; NaN (not known) for a truth without a load.
+    /// |map - truth| / |truth|, Euclidean norms weighted by area; NaN (undefined) for a truth without a load.
     pub relative_error: f64,
-    /// Twice the overlap over the sum of the areas at or above half of each one's own largest absolute value.
+    /// Dice coefficient of the areas in which map and truth are at or above half of their own largest absolute value:
+    /// twice the overlap over the sum of both areas.
     pub dice: f64,
 }
 
-/// Compares a map with its truth.
+/// Compares a map with the true change. `map`, `truth` and `areas` have one entry for each triangle or pixel.
 pub fn likeness(map: &[f64], truth: &[f64], areas: &[f64]) -> Likeness {
     let total: f64 = areas.iter().sum();
     let mean = |values: &[f64]| values.iter().zip(areas).map(|(v, a)| v * a).sum::<f64>() / total;
@@ -272,7 +275,7 @@ pub fn likeness(map: &[f64], truth: &[f64], areas: &[f64]) -> Likeness {
     let ratio = |up: f64, down: f64| if down > 0.0 { up / down } else { 0.0 };
     Likeness {
         correlation: ratio(cross, (own * other).sqrt()),
-        // of a truth that is zero everywhere no error is a share, and 0 would be that of a perfect map
+        // a truth that is zero everywhere has no relative error; 0 would look like a perfect map
         relative_error: match size > 0.0 {
             true => error.sqrt() / size.sqrt(),
             false => f64::NAN,
@@ -281,7 +284,7 @@ pub fn likeness(map: &[f64], truth: &[f64], areas: &[f64]) -> Likeness {
     }
 }
 
-/// The upper median; 0 for an empty slice.
+/// The upper median; 0 for an empty slice. Sorts `values`.
 pub fn median(values: &mut [f64]) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

@@ -70,10 +70,12 @@ pub struct TrackedArguments {
 }
 
 impl TrackedArguments {
-    /// The time from one frame to the next, s; `None` where frames have times. `follows`: whether the baseline is followed.
+    /// The time from one frame to the next, s; `None` if the frames have times. `follows`: whether the baseline is
+    /// tracked.
     ///
     /// # Errors
-    /// Frames without times and without a period, or a period that has no meaning.
+    /// Tracking of frames without times needs a period; a period is refused without tracking, or if the frames have
+    /// times.
     pub fn period_s(&self, follows: bool, have_times: bool) -> Result<Option<f64>, String> {
         let refused = match (follows, have_times, self.period_s) {
             (false, _, Some(_)) => "--period-s belongs to --tracked",
@@ -86,10 +88,10 @@ impl TrackedArguments {
         Err(refused.to_owned())
     }
 
-    /// The noise of a reading with which a baseline is followed, if it is known.
+    /// The standard deviation of one reading, V, for a tracked baseline.
     ///
     /// # Errors
-    /// It is not known.
+    /// The noise is not known.
     pub fn noise_v(known: Option<f64>) -> Result<f64, String> {
         known.ok_or_else(|| {
             "--tracked needs the noise of a reading, which this baseline does not show; give --noise-v SD".to_owned()
@@ -184,7 +186,7 @@ impl MethodArguments {
     /// The settings given by the options, without defaults.
     ///
     /// # Errors
-    /// An exponent that is given twice, or with another prior.
+    /// An exponent that is given twice, or with a prior other than NOSER.
     pub fn settings(&self) -> Result<ReconstructionSettings, String> {
         let prior = self.prior;
         if let (Some(_), Some(prior)) = (self.exponent, prior)

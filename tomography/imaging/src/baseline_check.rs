@@ -1,6 +1,6 @@
-//! Detects a load on the sheet during a baseline: maps the baseline like a frame against the previous one; and looks for a
-//! place of low conductance, on the preset sheet in the sheet fitted to the baseline, elsewhere in a map against a uniform
-//! sheet.
+//! Detects a load that was on the sheet during a baseline. The baseline is mapped like a frame against the previous
+//! baseline. In addition a place of low conductance is searched: for the preset sheet in the conductance fitted to the
+//! baseline, for other geometries in a map against a uniform sheet.
 
 use std::sync::Arc;
 
@@ -16,13 +16,15 @@ use crate::{Conditions, Geometry, Model, map_noise};
 const LEAST_CHANGE: f64 = 0.03;
 /// Relative loss against a uniform sheet below which uneven spraying and contacts explain it.
 const LEAST_UNEVEN: f64 = 0.1;
-/// The same in standard deviations of the fitted conductance over the region: a sheet that is uneven everywhere has such places.
+/// Least relative loss against the fitted median, in standard deviations of the fitted conductance over the region. A
+/// sheet that is uneven everywhere has places of more than [`LEAST_UNEVEN`] without a load.
 const LEAST_DEVIATIONS: f64 = 4.0;
-/// A median absolute deviation times this is a standard deviation.
+/// Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 const OF_MEDIAN: f64 = 1.4826;
 
-/// Warnings about a baseline, a sentence each: where it differs from the previous baseline `before`, and from a uniform
-/// sheet. Empty if nothing was seen, or if the method makes no map of it.
+/// Warnings about a baseline, one sentence each: where it shows a loss against the previous baseline `before` or
+/// against a uniform sheet, and whether it contradicts the depth of the tank, the order of the electrodes or their
+/// contacts. Empty if nothing was found.
 pub fn baseline_remarks(
     model: &Model,
     geometry: &Geometry,
@@ -37,7 +39,7 @@ pub fn baseline_remarks(
         if let Some(seen) = loss_between(model, change, noise, LEAST_CHANGE) {
             remarks.push(format!("against baseline {} {seen}", before.id));
         }
-        // loads that were removed since
+        // the reverse comparison: a load on the sheet during the previous baseline
         if let Some(seen) = loss_between(model, (change.1, change.0), noise, LEAST_CHANGE) {
             remarks.push(format!(
                 "baseline {} before it {seen}; it may have been taken with a load",
@@ -70,7 +72,7 @@ pub fn baseline_remarks(
     remarks
 }
 
-/// The sheet that explains a baseline of the preset sheet.
+/// Fits contacts and conductance of the preset sheet to a baseline.
 fn sheet_fit(
     model: &Model,
     geometry: &Geometry,
@@ -102,9 +104,9 @@ fn contacts(fit: &SheetFit) -> Option<String> {
     })
 }
 
-/// Where in the region the fitted conductance is lowest, if it is much below the median. A map of the readings would show
-/// the contacts and the errors of the mesh as loads; the fit leaves both out. Outside of the region errors of the contacts
-/// appear as conductance, so that it is not looked at.
+/// Where in the region the fitted conductance is lowest, if it is much below the median. A map of the readings would
+/// show contacts and errors of the mesh as loads; the fit excludes both. Triangles outside of the region are ignored,
+/// because errors of the contacts appear there as conductance.
 fn uneven(fit: &SheetFit, geometry: &Geometry) -> Option<String> {
     let mesh = &geometry.mesh;
     let relative = |triangle: usize| fit.sigma[triangle] / geometry.sigma0[triangle];

@@ -19,16 +19,16 @@ pub struct Conditions<'a> {
     /// Standard deviation of one reading, V, if the settings do not give it. Default:
     /// [`DEFAULT_NOISE_UV`](crate::noise::DEFAULT_NOISE_UV).
     pub noise_v: Option<f64>,
-    /// Whether `noise_v` is an assumption: maps are not judged by it.
+    /// Whether `noise_v` is an assumption; the quality check of maps then does not use it.
     pub noise_assumed: bool,
     /// Scaling of the baseline to the model, for model-based methods.
     pub scale: Scale,
-    /// The mesh whose region maps show, where `geometry` has the whole sheet as its region.
+    /// The mesh with the region of the maps, if the region of `geometry` is the whole sheet; otherwise `None`.
     pub(crate) shown: Option<&'a Arc<Mesh>>,
 }
 
 impl<'a> Conditions<'a> {
-    /// For a live measurement.
+    /// Conditions of a running measurement.
     pub fn live(geometry: &'a Geometry, protocol: &'a Protocol, current: Amps) -> Self {
         Self {
             geometry,
@@ -41,7 +41,7 @@ impl<'a> Conditions<'a> {
         }
     }
 
-    /// The unknowns that maps show, where the whole sheet is unknown: [`eit::OneStepOptions::shown`].
+    /// Positions of the unknowns that maps contain, if the whole sheet is unknown: [`eit::OneStepOptions::shown`].
     pub(crate) fn shown_unknowns(&self) -> Option<Vec<usize>> {
         self.shown.map(|mesh| mesh.region().to_vec())
     }

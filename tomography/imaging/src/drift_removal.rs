@@ -1,5 +1,5 @@
-//! Maps of single frames of a sheet that drifted since its baseline: the drift of each frame is estimated and added to the
-//! baseline, so that every method shows the load alone.
+//! Removal of drift from single frames: the drift since the baseline is estimated in each frame and added to the
+//! baseline, so that the map of any method shows the load alone.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -11,7 +11,8 @@ use crate::conditions::Conditions;
 use crate::geometry::Geometry;
 use crate::tracking::drift_model;
 
-/// The sheets of baselines: fitted at the first frame that is compared with a baseline, and kept for the next ones.
+/// The sheet fitted to a baseline, computed with the first frame that is compared with this baseline and kept until
+/// another baseline is used.
 pub(crate) struct FittedSheet {
     geometry: Geometry,
     protocol: Protocol,
@@ -20,7 +21,7 @@ pub(crate) struct FittedSheet {
     last: Mutex<Option<Arc<Fit>>>,
 }
 
-/// The sheet behind one baseline.
+/// The drift model fitted to one baseline.
 struct Fit {
     baseline: Vec<Reading>,
     model: DriftModel,
@@ -38,9 +39,10 @@ impl FittedSheet {
         }
     }
 
-    /// The sheet behind a baseline, fitted if it is not that of the last call.
+    /// The drift model of a baseline; fitted unless the last call had the same baseline.
     fn fit(&self, baseline: &[Reading]) -> Result<Arc<Fit>, ReconstructError> {
-        // others wait for a fit in progress: frames of a recording have the same baseline
+        // the lock is held during the fit: other threads wait for the result, because the frames of a recording have
+        // the same baseline
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(fit) = last.as_ref().filter(|fit| fit.baseline == baseline) {
             return Ok(Arc::clone(fit));
@@ -55,7 +57,7 @@ impl FittedSheet {
         Ok(fit)
     }
 
-    /// The baseline with the drift of a frame.
+    /// The baseline plus the drift estimated in a frame.
     fn drifted(
         &self,
         baseline: &[Reading],
@@ -66,7 +68,8 @@ impl FittedSheet {
         Ok(fit.model.baseline_with(&drift.change))
     }
 
-    /// How exactly a frame tells each triangle of the region.
+    /// Standard deviation of ln conductance of each triangle of the region, and whether the frame determines the
+    /// triangle.
     pub(crate) fn deviation(
         &self,
         baseline: &[Reading],
@@ -92,7 +95,8 @@ impl Fit {
     }
 }
 
-/// Changes of the readings, V, whose random combinations are the drift of months of an even sheet: for methods that are trained.
+/// Changes of the readings, V, whose random combinations model months of drift of a uniform sheet; one row per change,
+/// one value per reading. Training sets contain them.
 ///
 /// # Errors
 /// A sheet that cannot be solved.
@@ -104,7 +108,7 @@ pub fn months_of_drift(
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
     let ohms = forward.readings(&geometry.sigma0, conditions.protocol)?;
     let baseline = Reading::of_volts(ohms.iter().map(|ohms| conditions.current.0 * ohms));
-    // what noise hides a training need not know
+    // components below 0.3 of the noise have no effect on a training
     drift_model(conditions, &baseline, noise_v)?.drift_rows(&Sizes::MONTHS, 0.3 * noise_v)
 }
 
@@ -115,14 +119,15 @@ fn refused(cause: DriftError) -> ReconstructError {
     }
 }
 
-/// Another method, whose frames are compared with the baseline as it drifted.
+/// A method whose frames are compared with the baseline plus their own drift.
 pub(crate) struct DriftRemoved {
     pub(crate) inner: Arc<dyn Reconstructor>,
     pub(crate) sheet: Arc<FittedSheet>,
 }
 
 impl DriftRemoved {
-    /// The baseline to compare a frame with. What the method refuses whatever the drift is left to it.
+    /// The baseline to compare a frame with. Readings of a wrong number are passed on, so that the method reports the
+    /// error.
     pub(crate) fn baseline(
         &self,
         baseline: &[Reading],
@@ -177,6 +182,6 @@ impl Reconstructor for DriftRemoved {
     }
 }
 
-/// What is assumed of the drift, for people.
+/// The assumption about drift, as a note of the model.
 pub(crate) const REMARK: &str = "drift of gain, contacts and smooth fields since the baseline is estimated in each frame and removed; \
      a crack or compression set of the foam cannot be distinguished from a load in one frame";

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use eit::inverse::learned::network::OnnxError;
 
-/// A half frame is not completed for a model of whole frames: both readings of a pair would have the same noise, which
-/// a model trained on independent noise would interpret as a change of the sheet.
+/// Why a half frame is not completed for a model of whole frames: both readings of a pair would have the same noise,
+/// and a model trained on independent noise would interpret that as a change of the sheet.
 const HALF: &str = ", or set survey.half = false (a whole frame), or use method = \"one-step\", which accepts a half frame";
 
 /// Why no reconstructor can be built.

@@ -1,5 +1,5 @@
 //! Builds a geometry and a [`Reconstructor`](eit::Reconstructor) from settings. The daemon, the command line programs
-//! and all other readers of frames use this crate, so that recomputed maps have the same bits.
+//! and all other programs that read frames use this crate, so that recomputed maps are equal bit for bit.
 //!
 //! Not included: the mathematics (crate `eit`), instruments, D-Bus, drawing, and the programs' own options.
 //!

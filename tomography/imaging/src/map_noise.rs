@@ -8,18 +8,21 @@ use survey::{Reading, Volts};
 
 use crate::model::Model;
 
-/// Number of simulated frames of an unloaded sheet, for maps whose strength does not depend on the frame.
+/// Number of simulated frames of an unloaded sheet, for methods with one regularisation strength for all frames.
 const DRAWS: usize = 8;
-/// The same for maps with a strength of their own for each frame: most of noise alone are empty, some are not.
+/// Number of simulated frames for methods that choose the strength for each frame: most maps of noise alone are empty,
+/// some are not.
 const DRAWS_PER_FRAME: usize = 64;
-/// Threshold over the mean of their largest losses, and over the largest where the strength depends on the frame: the draws
-/// are independent between readings, the noise of real instruments is not.
+/// Ratio of the threshold to the mean of the maps' largest losses, or to the largest of them if the strength depends on
+/// the frame. It is above 1 because noise is drawn independently for each reading, and the noise of real instruments is
+/// correlated.
 const FACTOR: f64 = 2.0;
 
 /// Threshold of significance: twice the mean, over seeded draws, of the largest relative loss that noise of one reading
-/// (standard deviation, in the unit of the baseline) causes on an unloaded sheet. Where each frame has its own strength,
-/// that of the map with one strength for all, or twice the largest of all draws, whichever is more. A map without a larger
-/// loss shows nothing. `None` if the method makes no map of an unloaded sheet.
+/// (standard deviation, in the unit of the baseline) causes on an unloaded sheet. If the method chooses the strength
+/// for each frame, the threshold is that of the method with one strength for all frames, or twice the largest loss of
+/// all draws, whichever is more. A map without a larger loss is not significant. `None` if the method makes no map of
+/// an unloaded sheet.
 pub fn map_noise(model: &Model, baseline: &[Reading], noise: f64) -> Option<f64> {
     let mean = |losses: Vec<f64>| FACTOR * losses.iter().sum::<f64>() / losses.len() as f64;
     let of =
@@ -32,7 +35,7 @@ pub fn map_noise(model: &Model, baseline: &[Reading], noise: f64) -> Option<f64>
     Some(mean(of(fixed.as_ref(), DRAWS)?).max(FACTOR * most))
 }
 
-/// The largest loss of each map of noise alone.
+/// The largest loss of each of `draws` maps of noise alone.
 fn drawn(
     reconstructor: &dyn Reconstructor,
     baseline: &[Reading],
@@ -49,7 +52,7 @@ fn drawn(
         .collect()
 }
 
-/// The baseline with independent noise.
+/// The baseline plus independent normal noise of this standard deviation.
 pub(crate) fn noisy(baseline: &[Reading], noise: f64, random: &mut ChaCha8Rng) -> Vec<Reading> {
     baseline
         .iter()

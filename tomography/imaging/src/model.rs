@@ -11,27 +11,27 @@ use crate::drift_removal::{DriftRemoved, FittedSheet};
 /// A reconstructor with its origin.
 #[derive(Clone)]
 pub struct Model {
-    /// Makes the maps, without their quality: see [`Model::reconstruct`].
+    /// Computes maps without their quality; [`Model::reconstruct`] adds it.
     pub reconstructor: Arc<dyn Reconstructor>,
     /// Hash of the model file; `None` for a method without one.
     pub hash: Option<String>,
     /// Conversion of its maps to pressure; `None` if not configured.
     pub calibration: Option<Arc<Calibration>>,
-    /// Decisions and remarks, a sentence each.
+    /// Decisions and remarks, one sentence each.
     pub notes: Vec<String>,
-    /// Whether frames take so long that they should be reconstructed in parallel.
+    /// Whether a frame takes so long that frames should be reconstructed in parallel.
     pub slow: bool,
-    /// Whether its maps can be of another method than [`Reconstructor::method`], which each map names.
+    /// Whether the method of a map can differ from [`Reconstructor::method`]; each map names its own.
     pub(crate) varies: bool,
-    /// The same method with one strength for all frames, if this one has a strength for each.
+    /// The same method with one regularisation strength for all frames, if `reconstructor` chooses one for each frame.
     pub(crate) fixed_strength: Option<Arc<dyn Reconstructor>>,
-    /// Judges its maps; `None` if they are not judged.
+    /// Quality check of the maps; `None` if they are not judged.
     pub(crate) check: Option<Arc<ModelCheck>>,
-    /// What its maps of held-out cases leave unexplained; `None` for a method without that in its model file.
+    /// Misfit of its maps of held-out cases; `None` if its model file has none, and for a method without a file.
     pub(crate) own_misfit: Option<OwnMisfit>,
-    /// The same as `reconstructor`, if that removes the drift of each frame.
+    /// The same object as `reconstructor`, if that removes the drift of each frame.
     pub(crate) removal: Option<Arc<DriftRemoved>>,
-    /// The sheets of baselines; `None` without conditions of a measurement.
+    /// The sheet fitted to a baseline; `None` without conditions of a measurement.
     pub(crate) sheet: Option<Arc<FittedSheet>>,
 }
 
@@ -53,8 +53,8 @@ impl Model {
         }
     }
 
-    /// The map of a frame, with its quality. If this model does not judge its maps, the quality is `None`, even if the method itself
-    /// reported doubts: these alone would look like a complete judgement.
+    /// The map of a frame, with its quality. If this model does not judge its maps, the quality is `None` even if the
+    /// method itself reported doubts, which alone would look like a complete judgement.
     ///
     /// # Errors
     /// As [`Reconstructor::reconstruct`].
@@ -81,9 +81,9 @@ impl Model {
         })
     }
 
-    /// Standard deviation of ln conductance of each triangle of the map, from the linear model with noise and drift of the frame; it does
-    /// not depend on the method. `None` for a model that was loaded without a geometry. The first call with a baseline takes a second,
-    /// because the sheet is fitted to it.
+    /// Standard deviation of ln conductance of each triangle of the map, from the linear model with noise and drift of
+    /// the frame, independent of the method. `None` for a model that was loaded without a geometry. The first call with
+    /// a baseline takes a second, because the sheet is fitted to it.
     ///
     /// # Errors
     /// A baseline or frame with missing readings, or of another length.

@@ -46,7 +46,7 @@ pub fn load(
     })
 }
 
-/// Loads an ONNX network; its file does not name geometry and protocol, so those of this rig are used.
+/// Loads an ONNX network for the geometry and protocol of this rig, because the file names neither.
 fn onnx(
     path: &Path,
     loss_only: bool,
@@ -102,7 +102,8 @@ fn check(
     Ok(())
 }
 
-/// The file with this hash: the configured one, or any in its folder, in `models` or in the current directory.
+/// The model file with this hash: the configured one, or any in its folder, in `models` or in the current directory;
+/// `None` if there is none.
 pub fn find_model(configured: Option<&Path>, hash: &str) -> Option<PathBuf> {
     let folder = configured.and_then(Path::parent);
     configured
@@ -116,7 +117,7 @@ pub fn find_model(configured: Option<&Path>, hash: &str) -> Option<PathBuf> {
         })
 }
 
-/// The model file with this hash in a folder.
+/// The model file with this hash in a folder; `None` if there is none.
 pub fn find_model_in(folder: &Path, hash: &str) -> Option<PathBuf> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .ok()?

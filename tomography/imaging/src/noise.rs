@@ -1,4 +1,4 @@
-//! Default assumptions about the noise of one reading. Maps can only be reproduced to the bit if all programs use the
+//! Default assumptions about the noise of one reading. Maps can be reproduced bit for bit only if all programs use the
 //! same ones.
 
 use eit::{Forward, ForwardError};
@@ -6,10 +6,10 @@ use survey::{Baseline, Protocol, Reading, Volts};
 
 /// Default standard deviation of one reading, uV, if neither settings nor frames give it.
 pub const DEFAULT_NOISE_UV: f64 = 1e6 * eit::DEFAULT_NOISE_V;
-/// Noise assumed for a baseline that shows none, as a share of its readings' rms: the typical repeatability of a
-/// laboratory instrument.
+/// Noise assumed for a baseline from which none can be measured, as a share of its readings' rms: the typical
+/// repeatability of a laboratory instrument.
 pub const ASSUMED_SHARE: f64 = 1e-3;
-/// Rounding error of a mean, as a share of the readings' rms; a smaller deviation contains no information on noise.
+/// Rounding error of a mean, as a share of the readings' rms; a smaller deviation is not noise.
 pub const ROUNDING_SHARE: f64 = 1e-12;
 /// Ratio above which a stated and a measured noise contradict each other, in either direction.
 pub const CONTRADICTION: f64 = 2.0;
@@ -61,7 +61,7 @@ impl Noise {
 }
 
 /// Standard deviation of one reading, V, if the settings do not give it: the deviation of the baseline's frames; for a
-/// single frame, which has none, the voltmeter's resolution; otherwise [`DEFAULT_NOISE_UV`].
+/// baseline of a single frame, which has no deviation, the voltmeter's resolution; otherwise [`DEFAULT_NOISE_UV`].
 pub fn against(baseline: &Baseline) -> f64 {
     let resolution = || Some(baseline.settings.noise().0).filter(|_| baseline.frames < 2);
     Noise::of(baseline)
@@ -71,8 +71,8 @@ pub fn against(baseline: &Baseline) -> f64 {
         .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
 }
 
-/// The problem with a configured noise, uV, that differs from the baseline's by more than [`CONTRADICTION`]; `None` if
-/// they agree or the baseline shows none.
+/// A message if a configured noise, uV, differs from the baseline's by more than the factor [`CONTRADICTION`]; `None`
+/// if they agree or the baseline's noise cannot be measured.
 pub fn contradiction(noise_uv: f64, baseline: &Baseline) -> Option<String> {
     let measured = Noise::of(baseline)?.measured()?;
     let factor = measured / (noise_uv * 1e-6);
@@ -81,8 +81,8 @@ pub fn contradiction(noise_uv: f64, baseline: &Baseline) -> Option<String> {
     (!agrees).then(|| contradicted(noise_uv, &shows, measured))
 }
 
-/// The problem with a configured noise, uV, that is below the voltmeter's own, V, by more than [`CONTRADICTION`];
-/// otherwise `None`. A real rig may have more noise than the voltmeter.
+/// A message if a configured noise, uV, is below the voltmeter's own noise `resolution`, V, by more than the factor
+/// [`CONTRADICTION`]; otherwise `None`. More noise than the voltmeter's is plausible for a real rig.
 pub fn below_the_voltmeter(noise_uv: f64, resolution: f64) -> Option<String> {
     let below = resolution > CONTRADICTION * noise_uv * 1e-6;
     below.then(|| {
@@ -108,7 +108,7 @@ fn contradicted(noise_uv: f64, other: &str, noise: f64) -> String {
     )
 }
 
-/// Rms of the deviations that are stored in a baseline, V; `None` where it has none.
+/// Rms of the deviations stored in a baseline, V; `None` if it has none or all are zero.
 pub fn rms_deviation(baseline: &Baseline) -> Option<f64> {
     rms(baseline.deviation.iter().flatten().copied())
 }
@@ -239,7 +239,7 @@ mod tests {
     fn a_method_is_set_by_the_noise_of_the_baseline() {
         let noisy = baseline(&[0.0499, 0.0501]);
         assert!((against(&noisy) / (0.0002 / 2_f64.sqrt()) - 1.0).abs() < 1e-9);
-        // one frame does not show its noise: the voltmeter's resolution on its range is used
+        // noise cannot be measured from one frame: the voltmeter's resolution on its range is used
         assert_eq!(against(&baseline(&[0.05])), 1e-4);
         // simulated without noise
         assert_eq!(against(&baseline(&[0.05, 0.05])), DEFAULT_NOISE_UV * 1e-6);

@@ -16,7 +16,7 @@ use crate::settings::{DriftRule, HyperChoice, Method, PriorName, ReconstructionS
 /// Refuses settings for which a map would take longer than the frame period of a running instrument.
 ///
 /// # Errors
-/// [`BuildError::Setting`], with the alternative to use.
+/// [`BuildError::Setting`], which names an alternative.
 pub fn check_live(settings: &ReconstructionSettings) -> Result<(), BuildError> {
     if settings.file.is_none()
         && settings.method.unwrap_or_default() == Method::OneStep
@@ -45,7 +45,8 @@ pub fn build(
     judging(unjudged(settings, conditions)?, settings, conditions)
 }
 
-/// The same, for maps without their quality: [`judging`] adds the check of the frames.
+/// As [`build`], without the quality check of maps and without removal of drift; [`judging`] adds the former,
+/// [`with_drift`] the latter.
 ///
 /// # Errors
 /// As [`build`].
@@ -78,7 +79,7 @@ pub fn unjudged(
     with_drift(model, settings, conditions)
 }
 
-/// A model of [`unjudged`] that judges its maps by the model of the whole sheet.
+/// Adds the quality check against the model of the whole sheet to a model of [`unjudged`].
 ///
 /// # Errors
 /// A geometry that cannot be solved.
@@ -94,10 +95,10 @@ pub fn judging(
     })
 }
 
-/// A model as the settings want its drift: removed from each frame, or left. [`build`] does this itself.
+/// Adds removal of drift from each frame to a model, if the settings select it. [`build`] does this itself.
 ///
 /// # Errors
-/// [`BuildError::Setting`]: a tracked baseline has no drift to remove.
+/// [`BuildError::Setting`] if the baseline is tracked: its drift is removed already.
 pub fn with_drift(
     mut model: Model,
     settings: &ReconstructionSettings,
@@ -130,8 +131,8 @@ pub fn with_drift(
     Ok(model)
 }
 
-/// The linear method with one strength for all frames, by which a strength for each frame is measured; `None` for methods
-/// that have none.
+/// The linear method with one regularisation strength for all frames, used for the significance threshold of methods
+/// that choose the strength for each frame; `None` for other methods.
 fn fixed_strength(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
@@ -149,7 +150,7 @@ fn fixed_strength(
     Ok(Some(methods::prepare(&fixed, conditions)?.reconstructor))
 }
 
-/// The check of frames against the model of the whole sheet.
+/// The quality check of maps against the model of the whole sheet.
 fn model_check(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
@@ -170,7 +171,7 @@ fn model_check(
     )?)
 }
 
-/// A calibration from its file.
+/// Reads a calibration from its file.
 ///
 /// # Errors
 /// What is wrong with the file.
@@ -181,7 +182,7 @@ pub fn read_calibration(path: &Path) -> Result<Calibration, String> {
     Ok(calibration)
 }
 
-/// Reads a calibration for a model.
+/// Reads a calibration from a file and adds it to a model.
 ///
 /// # Errors
 /// A file that cannot be read, or a calibration that was fitted to another method's maps or on another mesh.

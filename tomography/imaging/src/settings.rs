@@ -70,7 +70,7 @@ pub enum HyperChoice {
 }
 
 impl HyperChoice {
-    /// The rule for each frame; `None` if there is one for all frames.
+    /// The rule that chooses for each frame; `None` if one value serves all frames.
     fn of_frames(self) -> Option<HyperRule> {
         match self {
             Self::Evidence => Some(HyperRule::Evidence),
@@ -103,7 +103,7 @@ pub enum DriftRule {
     Frame,
 }
 
-/// The section `[model]` of a configuration: what is `None` has its default.
+/// The section `[model]` of a configuration; a key that is `None` has its default.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReconstructionSettings {
@@ -116,23 +116,23 @@ pub struct ReconstructionSettings {
     /// Prior of the one-step method; default NOSER with exponent 0.25.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorName>,
-    /// Exponent of the NOSER prior; default 0.5 where the prior is named, else 0.25.
+    /// Exponent of the NOSER prior; default 0.5 if the prior is named, otherwise 0.25.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exponent: Option<f64>,
     /// Correlation length of the Gaussian prior, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub length_mm: Option<f64>,
-    /// Standard deviation of the noise of one reading, uV, in place of the baseline's: lower limit of a frame's errors, and
-    /// the noise that the quality check of maps expects.
+    /// Standard deviation of the noise of one reading, uV, in place of the baseline's. It is the lower limit of a
+    /// frame's errors and the noise that the quality check of maps expects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_uv: Option<f64>,
     /// Hyper-parameter: lambda of the one-step method, alpha of total variation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lambda: Option<f64>,
-    /// Noise figure that the one-step method's lambda is chosen for.
+    /// Noise figure for which lambda of the one-step method is chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_figure: Option<f64>,
-    /// How the hyper-parameter is chosen; default by evidence, with `map_error` by the noise.
+    /// How the hyper-parameter is chosen; default: by evidence, or by the noise if `map_error` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choose: Option<HyperChoice>,
     /// Faster one-step maps: largest error allowed, as a share of a map's largest value; default exact.
@@ -147,17 +147,17 @@ pub struct ReconstructionSettings {
     /// Which conductances are solved for; default the whole sheet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknowns: Option<Unknowns>,
-    /// A running rig makes a map of every so many frames; default 1, all of them.
+    /// A running rig makes a map of every n-th frame; default 1, all frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_every: Option<u64>,
-    /// Follows the baseline through the frames, so that maps stay valid while the sheet drifts; default: on for
-    /// the preset sheet on a rig, otherwise off.
+    /// Tracks the baseline through the frames, so that maps remain valid while the sheet drifts; default: on for the
+    /// preset sheet on a rig, otherwise off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<bool>,
-    /// What is done about drift where the baseline is not followed; default off.
+    /// Treatment of drift if the baseline is not tracked; default off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<DriftRule>,
-    /// A calibration from maps to pressure.
+    /// File of the calibration from maps to pressure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
 }
@@ -181,7 +181,7 @@ const USED_BY: [(&str, &[Method]); 11] = {
 };
 
 impl ReconstructionSettings {
-    /// Whether the method uses the noise of the baseline: the settings give none, and the method asks for it.
+    /// Whether the noise is measured from the baseline: the settings give none, and the method needs it.
     pub fn takes_noise_of_baseline(&self) -> bool {
         self.file.is_none()
             && self.noise_uv.is_none()
@@ -190,18 +190,18 @@ impl ReconstructionSettings {
             && is_used("noise_uv", self.method.unwrap_or_default())
     }
 
-    /// Whether a map takes a few milliseconds: a trained method, or one-step without bounds.
+    /// Whether a map takes only a few milliseconds: a model file, or one-step without bounds.
     pub fn is_quick(&self) -> bool {
         let one_step = self.method.unwrap_or_default() == Method::OneStep;
         self.file.is_some() || one_step && self.loss_only != Some(true)
     }
 
-    /// The rule by which each frame has a strength of its own; `None` if one strength serves all frames.
+    /// The rule that chooses the regularisation strength for each frame; `None` if one strength serves all frames.
     pub(crate) fn frame_rule(&self) -> Option<HyperRule> {
         if self.lambda.is_some() || self.noise_figure.is_some() {
             return None;
         }
-        // a share of a map's largest value can be proved for a map that is one matrix
+        // an error relative to a map's largest value can be proved only if the method is one matrix for all frames
         let usual = match self.map_error {
             Some(_) => HyperChoice::Noise,
             None => HyperChoice::Evidence,
@@ -228,7 +228,8 @@ impl ReconstructionSettings {
     }
 
     /// These settings, completed by those stored in a session. A prior, an exponent or a lambda selects the one-step
-    /// method, whatever the session used; the session's prior and hyper-parameter are only used with the session's method.
+    /// method, whatever method the session used. The session's prior and hyper-parameter are used only with the
+    /// session's method.
     pub fn over(self, kept: Self) -> Self {
         let one_step = self.prior.is_some() || self.exponent.is_some() || self.lambda.is_some();
         let method = self.method.or(kept.method.filter(|_| !one_step));
@@ -259,7 +260,7 @@ impl ReconstructionSettings {
         }
     }
 
-    /// Whether a running rig maps the frame with this number: the first, and every `map_every`-th after it.
+    /// Whether a running rig makes a map of the frame with this number: the first, and every `map_every`-th after it.
     pub fn has_map(&self, sequence: u64) -> bool {
         sequence
             .saturating_sub(1)
@@ -352,7 +353,8 @@ mod tests {
         let same = requested(None).over(kept.clone());
         assert_eq!((same.lambda, same.loss_only), (Some(1e-3), Some(true)));
         assert_eq!((same.prior, same.length_mm), (kept.prior, Some(15.0)));
-        // kept settings such as the prior are not taken over: `best` with a prior would be the one-step method
+        // the stored settings of the method, such as the prior, are ignored: `best` with a prior would be the one-step
+        // method
         for method in [Method::Best, Method::Tv] {
             let other = ReconstructionSettings {
                 loss_only: Some(true),

@@ -1,4 +1,4 @@
-//! The depth of a tank: its settings, and what a baseline says of it.
+//! The depth of a tank: its settings, and whether a baseline contradicts it.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::noise::factor;
 /// Ratio of the misfits above which a baseline contradicts a depth.
 const CONTRADICTION: f64 = 1.1;
 
-/// The table `[geometry.depth]` of a configuration: a tank of this depth in place of a sheet. See [`Depth`].
+/// The table `[geometry.depth]` of a configuration: the geometry is a tank of this depth, not a sheet. See [`Depth`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthSettings {
@@ -26,7 +26,7 @@ pub struct DepthSettings {
     /// Height of the targets, a layer about the electrodes' centres, mm; default the depth.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_height_mm: Option<f64>,
-    /// Number of cosines over the depth; default [`Depth::MODES`].
+    /// Number of cosine modes over the depth; default [`Depth::MODES`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub modes: Option<usize>,
 }
@@ -90,7 +90,7 @@ fn millimetres(text: &str) -> Result<f64, String> {
 }
 
 impl Geometry {
-    /// The same geometry as the cross-section of a tank; without settings unchanged.
+    /// The same geometry as the cross-section of a tank; unchanged if `depth` is `None`.
     ///
     /// # Errors
     /// As [`Depth::new`].
@@ -101,8 +101,8 @@ impl Geometry {
         Ok(self)
     }
 
-    /// How well the depth of the tank explains a baseline, in a sentence, with a warning if the flat model explains it
-    /// better; `None` without a depth, or if the baseline does not match the geometry at all.
+    /// A sentence with the misfits of the model with depth and of the flat model, and a warning if the flat model fits
+    /// the baseline better. `None` without a depth, or if the baseline does not match the geometry at all.
     pub fn depth_remark(&self, protocol: &Protocol, baseline: &[Reading]) -> Option<DepthRemark> {
         let depth = self.mesh.depth()?;
         let flat = Arc::new(self.mesh.with_depth(None));
@@ -130,16 +130,17 @@ impl Geometry {
     }
 }
 
-/// What a baseline says of the depth.
+/// How well the depth fits a baseline.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthRemark {
     /// The sentence.
     pub text: String,
-    /// Whether the flat model explains the baseline better.
+    /// Whether the flat model fits the baseline better.
     pub contradicted: bool,
 }
 
-/// Rms difference between a baseline and the model scaled to it, as a share of the baseline's rms.
+/// Rms difference between a baseline and the model scaled to it, as a share of the baseline's rms; `None` if they have
+/// opposite signs or no reading is valid.
 pub(super) fn misfit(model: &[f64], baseline: &[Reading]) -> Option<f64> {
     let gain = factor(model.iter().copied(), baseline)?;
     let (mut rest, mut own) = (0.0, 0.0);

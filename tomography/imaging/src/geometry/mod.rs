@@ -1,5 +1,5 @@
 //! The geometry of the sheet or tank for the reconstruction: a mesh with contacts, conductance and, for a tank, depth.
-//! What a method makes of it is left to `methods`.
+//! The methods that use it are in `methods`.
 
 mod depth;
 mod ring;
@@ -28,7 +28,7 @@ pub enum PresetName {
     DiscTank,
 }
 
-/// Name of the preset sheet for people.
+/// Displayed name of the preset sheet.
 const PAPER_SHEET: &str = "preset paper-sheet";
 
 /// The section `[geometry]` of a configuration: a preset or a case folder.
@@ -41,13 +41,13 @@ pub struct GeometrySettings {
     /// A case folder with a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub case: Option<PathBuf>,
-    /// Measures of the paper's sheet.
+    /// Dimensions of the paper's sheet.
     #[serde(rename = "paper-sheet", skip_serializing_if = "Option::is_none")]
     pub paper_sheet: Option<PaperSheet>,
-    /// Measures of the disc tank.
+    /// Dimensions of the disc tank.
     #[serde(rename = "disc-tank", skip_serializing_if = "Option::is_none")]
     pub disc_tank: Option<DiscTank>,
-    /// Depth of a tank; default: what the case folder says, else a sheet.
+    /// Depth of a tank; default: that of the case folder, otherwise a sheet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthSettings>,
 }
@@ -76,7 +76,7 @@ pub enum GeometryError {
 }
 
 impl GeometrySettings {
-    /// Whether it is the preset sheet, for which the tracked baseline was measured.
+    /// Whether it is the preset sheet, for which the rates of drift of the tracked baseline were measured.
     pub fn is_sheet(&self) -> bool {
         self.case.is_none() && self.preset.unwrap_or_default() == PresetName::PaperSheet
     }
@@ -116,7 +116,7 @@ pub fn has_mesh(folder: &Path) -> bool {
 /// A mesh with its contacts and its unloaded conductance.
 #[derive(Debug, Clone)]
 pub struct Geometry {
-    /// Name for people: `preset disc-tank`, `case FOLDER`.
+    /// Displayed name: `preset disc-tank`, `case FOLDER`.
     pub name: String,
     /// The mesh with its electrodes and region.
     pub mesh: Arc<Mesh>,
@@ -124,7 +124,7 @@ pub struct Geometry {
     pub contact_ohm_m: Vec<f64>,
     /// Unloaded conductance of each triangle, S per square.
     pub sigma0: Vec<f64>,
-    /// Whether `sigma0` was given; otherwise it is 1 mS throughout.
+    /// Whether `sigma0` was given; otherwise it is 1 mS per square everywhere.
     pub sigma0_known: bool,
     /// Whether it comes from a case folder, which also gives the currents of the readings.
     pub from_case: bool,
@@ -143,7 +143,7 @@ impl Geometry {
         Ok(Self::of_case(&case, format!("case {}", folder.display())))
     }
 
-    /// The geometry of a case already read.
+    /// The geometry of a case that is already in memory.
     pub fn of_case(case: &Case, name: String) -> Self {
         Self {
             name,
@@ -180,7 +180,8 @@ impl Geometry {
         })
     }
 
-    /// A case folder's content with the Sheffield protocol, `current` for every reading, and the conductance as `homog`.
+    /// The contents of a case folder with the Sheffield protocol, `current` for every reading, and the conductance as
+    /// `homog`.
     ///
     /// # Errors
     /// Too few electrodes for the protocol.
@@ -190,7 +191,8 @@ impl Geometry {
         Ok(self.case_of(protocol, currents))
     }
 
-    /// A case folder's content with this protocol, a current (A) for each of its readings, and the conductance as `homog`.
+    /// The contents of a case folder with this protocol, a current (A) for each of its readings, and the conductance as
+    /// `homog`.
     pub fn case_of(&self, protocol: Protocol, currents: Vec<f64>) -> Case {
         Case {
             contact_ohm_m: self.contact_ohm_m.clone(),

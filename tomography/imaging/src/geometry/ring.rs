@@ -1,5 +1,5 @@
-//! Whether a baseline fits the places of the electrodes: their order, the direction in which they are counted, and the angle of
-//! their ring.
+//! Checks the positions of the electrodes against a baseline: their order, the direction in which they are counted, and
+//! the angle of the ring.
 
 use std::sync::Arc;
 
@@ -9,13 +9,14 @@ use survey::{Electrode, Protocol, Reading};
 use super::Geometry;
 use super::depth::misfit;
 
-/// Another numbering contradicts the geometry if it leaves less than this share of the misfit. What contacts and uneven
-/// spraying add to the misfit is the same for all numberings.
+/// Another numbering contradicts the geometry if its misfit is less than this share of the geometry's. Contacts and
+/// uneven spraying add the same misfit to all numberings.
 const CONTRADICTION: f64 = 0.5;
-/// Least misfit of the geometry that is worth a remark.
+/// Least misfit of the geometry for a remark, as a share of the baseline's rms.
 const LEAST: f64 = 0.02;
 
-/// A numbering: electrode e of the baseline is at the place of electrode `first` + e, or `first` - e, of the geometry.
+/// A numbering: electrode e of the baseline is at the position of electrode `first` + e of the geometry, or `first` - e
+/// if `reversed`.
 #[derive(Debug, Clone, Copy)]
 struct Numbering {
     first: usize,
@@ -32,9 +33,9 @@ impl Numbering {
 }
 
 impl Geometry {
-    /// The numbering of the electrodes that explains a baseline much better than the geometry does, in a sentence; `None` if
-    /// there is none. A round tank with evenly spaced electrodes has the same readings with its ring at any angle, so that nothing
-    /// contradicts it.
+    /// A sentence about the numbering of the electrodes that fits a baseline much better than the geometry's; `None` if
+    /// there is none. A round tank with evenly spaced electrodes has the same readings at any angle of the ring, so a
+    /// wrong angle is not detected.
     pub fn ring_remark(&self, protocol: &Protocol, baseline: &[Reading]) -> Option<String> {
         let forward = Forward::new(Arc::clone(&self.mesh), &self.contact_ohm_m).ok()?;
         let impedance = forward.transfer_impedance(&self.sigma0).ok()?;
@@ -76,7 +77,7 @@ impl Geometry {
     }
 }
 
-/// Readings at 1 A with each electrode at the place of another one, ohm.
+/// Readings at 1 A, ohm, with each electrode at the position that `place` returns.
 fn readings(
     impedance: impl Fn(usize, usize) -> f64,
     protocol: &Protocol,
@@ -115,7 +116,7 @@ mod tests {
         Geometry::from_preset(&Preset::DiscTank(tank)).unwrap()
     }
 
-    /// The baseline of a geometry with another numbering of the electrodes.
+    /// A baseline of the geometry, recorded with another numbering of the electrodes.
     fn baseline(geometry: &Geometry, protocol: &Protocol, numbering: Numbering) -> Vec<Reading> {
         let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).unwrap();
         let impedance = forward.transfer_impedance(&geometry.sigma0).unwrap();

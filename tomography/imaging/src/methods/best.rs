@@ -1,7 +1,7 @@
-//! The best of the methods: total variation with the full forward model on the whole sheet, and discs where these explain a
-//! frame as well. With an explicit prior or rule, or for changes that fill a layer, it is the one-step method with NOSER p = 0.25,
-//! bounded to losses unless the frame shows gains. Networks of the paper's size blur presses of 10 mm at any noise, so they
-//! are never chosen.
+//! The default method `best`: total variation with the full forward model on the whole sheet, or discs if these explain
+//! the frame as well. With an explicit prior, hyper-parameter or rule, with `unknowns = "region"`, and for changes that
+//! fill a layer it is the one-step method (NOSER p = 0.25 unless another prior is given), bounded to losses unless the
+//! frame shows gains. Networks of the paper's size blur presses of 10 mm at any noise and are never chosen.
 
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ pub(super) fn prepare(
 ) -> Result<Prepared, BuildError> {
     let geometry = conditions.geometry;
     let layer = geometry.mesh.depth().is_some_and(|depth| depth.has_layer());
-    // an explicit prior or rule selects a linear method, and changes that fill a layer have a linear model only
+    // an explicit prior or rule belongs to the linear method, and changes that fill a layer have a linear model only
     let noise_v = known_noise_v(settings, conditions);
     let linear = settings.prior.is_some()
         || settings.choose.is_some()

@@ -23,7 +23,7 @@ pub(crate) fn noise_v(settings: &ReconstructionSettings, conditions: &Conditions
         .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
 }
 
-/// The hyper-parameter, and a remark on its origin if it is neither given nor the usual one.
+/// The hyper-parameter, and a remark on how it is chosen if it is neither given as a number nor chosen for each frame.
 pub(super) fn hyper(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,

@@ -20,9 +20,9 @@ use crate::settings::{Method, ReconstructionSettings, Unknowns};
 /// A prepared method.
 pub(crate) struct Prepared {
     pub(crate) reconstructor: Arc<dyn Reconstructor>,
-    /// Decisions and remarks, a sentence each.
+    /// Decisions and remarks, one sentence each.
     pub(crate) notes: Vec<String>,
-    /// Whether frames take so long that they should be reconstructed in parallel.
+    /// Whether a frame takes so long that frames should be reconstructed in parallel.
     pub(crate) slow: bool,
 }
 

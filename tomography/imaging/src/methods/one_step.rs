@@ -44,7 +44,7 @@ pub(super) fn prepare(
     Ok(Prepared::quick(one_step, notes, conditions))
 }
 
-/// The reconstructor for these conditions; scale and shown unknowns are theirs.
+/// The reconstructor for these conditions, which replace `scale` and `shown` of the options.
 pub(super) fn solver(
     conditions: &Conditions<'_>,
     options: OneStepOptions,
@@ -63,7 +63,8 @@ pub(super) fn solver(
     )?)
 }
 
-/// The remark for a noise that is too small to be plausible.
+/// The remark on a lambda that was raised because the noise is below the accuracy of the linear model; `None` if it was
+/// not raised.
 pub(super) fn raised(one_step: &OneStep) -> Option<String> {
     let lambda = one_step.lambda().filter(|_| one_step.raised())?;
     Some(format!(

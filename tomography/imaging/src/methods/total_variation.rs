@@ -15,8 +15,8 @@ use crate::settings::ReconstructionSettings;
 /// The paper's alpha, for its single iteration.
 const PAPER_ALPHA: f64 = 1e-6;
 
-/// `lambda` is alpha of the formula with unscaled readings; otherwise alpha follows from the errors of the frame, or from the
-/// noise, like the one-step method's lambda.
+/// `lambda` is alpha of the formula with readings in V. Without it alpha is derived from the errors of the frame or
+/// from the noise, like lambda of the one-step method.
 pub(super) fn prepare(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,

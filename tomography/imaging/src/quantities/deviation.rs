@@ -1,4 +1,4 @@
-//! Standard deviations of quantities by noise: of the readings, and of the tracked baseline.
+//! Standard deviations of quantities, caused by noise of the readings and of the tracked baseline.
 
 use eit::{Calibration, Mesh, Pressure};
 use rand::SeedableRng;
@@ -14,16 +14,17 @@ use crate::tracking::principal_axes;
 
 /// Number of noisy copies of a frame. A standard deviation of 16 draws has a standard error of 18 %.
 const DRAWS: usize = 16;
-/// Deviations of 16 draws that contain 95 %: of a place, by Hotelling's distribution (the root of 2 (15 / 14) F with 2 and 14
-/// degrees of freedom, F = 3.7389), and of a number, by Student's with 15.
+/// Radius of the 95 % region of a position, in standard deviations estimated from 16 draws: by Hotelling's distribution
+/// the root of 2 (15 / 14) F, F = 3.7389 with 2 and 14 degrees of freedom.
 const REGION_95: f64 = 2.8305;
+/// Half width of the 95 % interval of a number, in the same unit: Student's distribution with 15 degrees of freedom.
 const INTERVAL_95: f64 = 2.1314;
 
 /// Reconstructs noisy copies of each frame.
 ///
-/// The noise of readings is taken as independent. Included: noise of the readings and of the tracked baseline, and of a calibrated map
-/// the error of the calibration's gain, one for the whole sheet in each copy. Not included: the error of the method (blur, and
-/// inhomogeneity of the sheet that the gain does not follow).
+/// The noise of readings is assumed to be independent. Included: noise of the readings and of the tracked baseline; for
+/// a calibrated map also the error of the calibration's gain, one value for the whole sheet in each copy. Not included:
+/// the error of the method (blur, and inhomogeneity of the sheet that the gain does not describe).
 #[derive(Clone)]
 pub struct Deviation {
     model: Model,
@@ -46,9 +47,9 @@ pub(super) struct Described {
     pub(super) spots: Vec<HotSpot>,
 }
 
-/// What noise does to them.
+/// Standard deviations of [`Described`] by noise.
 pub(super) struct Deviations {
-    /// Standard deviations, for each region.
+    /// Standard deviations of the quantities of each region.
     pub(super) regions: Vec<Values>,
     pub(super) spots: Vec<Option<SpotUncertainty>>,
 }
@@ -71,8 +72,8 @@ impl Deviation {
         }
     }
 
-    /// What noise does to that which `describe` finds in a map (and in its pressure); none for a quantity or a hot spot that does
-    /// not exist in one of the noisy maps. `baseline_sd`: standard deviation of the tracked baseline.
+    /// Standard deviations of the result of `describe` for a map (and its pressure) by noise. A quantity or a hot spot
+    /// that is missing from one of the noisy maps has none. `baseline_sd`: standard deviation of the tracked baseline.
     pub(super) fn of(
         &self,
         frame: ComparedReadings<'_>,
@@ -127,7 +128,7 @@ impl Deviation {
         }
     }
 
-    /// The map as pressure, if the model is calibrated; `None` where the calibration refuses it.
+    /// The map as pressure, `Some(None)` without a calibration; `None` if the calibration refuses the map.
     fn pressure(&self, mesh: &Mesh, map: &Map) -> Option<Option<Pressure>> {
         match &self.model.calibration {
             None => Some(None),
@@ -136,8 +137,8 @@ impl Deviation {
     }
 }
 
-/// Standard deviation of ln gain at a press that the calibration was not fitted to: the errors of its own presses, enlarged for the
-/// parameters that were fitted to them (the level, and the terms of the gain where it has some).
+/// Standard deviation of ln gain at a press to which the calibration was not fitted: the errors at the calibration's
+/// presses, enlarged for the parameters fitted to them (the level, and the terms of the gain if it has any).
 fn gain_deviation(calibration: &Calibration) -> f64 {
     let presses = calibration.presses.max(1) as f64;
     let over_the_place = calibration.gain.iter().any(|term| *term != 0.0);
@@ -150,14 +151,14 @@ fn gain_deviation(calibration: &Calibration) -> f64 {
     calibration.rms * (presses / free * (1.0 + fitted / presses)).sqrt()
 }
 
-/// The hot spot of a noisy map that is this one: the nearest, if its centre lies within this one's radius.
+/// The hot spot of a noisy map that corresponds to `spot`: the nearest, if its centre is within the radius of `spot`.
 fn nearest<'a>(spot: &HotSpot, spots: &'a [HotSpot]) -> Option<&'a HotSpot> {
     let apart = |other: &HotSpot| distance(spot.centre, other.centre);
     let nearest = spots.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
     Some(nearest).filter(|other| apart(other) <= radius(spot))
 }
 
-/// Region and interval of a hot spot from what it is in the noisy maps.
+/// 95 % region and interval of a hot spot from the corresponding hot spots of the noisy maps.
 fn uncertainty(spot: &HotSpot, drawn: &[&HotSpot], unit: LoadUnit) -> SpotUncertainty {
     let [x, y] = [0, 1].map(|axis| -> Vec<f64> { drawn.iter().map(|s| s.centre[axis]).collect() });
     let across = covariance(&x, &y);
@@ -184,8 +185,8 @@ fn covariance(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// How often the ellipse and the interval of a noisy hot spot contain the truth, with a deviation from 16 other
-    /// noisy ones.
+    /// Counts how often the ellipse and the interval of a noisy hot spot contain the truth, with deviations from 16
+    /// other noisy hot spots.
     #[test]
     fn regions_of_hot_spots_contain_the_truth_in_95_percent() {
         let mut random = ChaCha8Rng::seed_from_u64(7);
@@ -217,7 +218,8 @@ mod tests {
             between += u32::from((low..=high).contains(&100.0));
             angles += found.angle_deg / 4000.0;
         }
-        // the binomial deviation is 0.34 %; quantiles of the normal distribution give 90 and 92.5 %
+        // the binomial standard deviation is 0.34 %; with quantiles of the normal distribution 90 and 92.5 % would be
+        // contained
         for contained in [inside, between] {
             let share = f64::from(contained) / 4000.0;
             assert!((0.938..=0.962).contains(&share), "{inside} {between}");

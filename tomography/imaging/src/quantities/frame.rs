@@ -3,7 +3,7 @@
 use super::quantity::{LoadUnit, Quantity, Values};
 use super::surface::{Surface, SurfaceRegion};
 
-/// Values of one map over a region, and the places of the largest ones.
+/// Values of one map over a region, and the positions of the largest ones.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct MapValues {
     pub(super) values: Values,
@@ -53,7 +53,7 @@ pub(super) fn of_map(
 }
 
 impl SurfaceRegion {
-    /// Whether the triangle nearest to a point lies in the region, at least half of it.
+    /// Whether at least half of the triangle nearest to a point lies in the region.
     pub(super) fn has(&self, surface: &Surface, point: [f64; 2]) -> bool {
         let distance = |at: &[f64; 2]| (at[0] - point[0]).hypot(at[1] - point[1]);
         let centroids = surface.adjacency().centroids();

@@ -1,14 +1,14 @@
-//! One row for each minute, region and quantity: smallest, mean and largest value.
+//! One row for each time span (a minute unless set otherwise), region and quantity: smallest, mean and largest value.
 
 use serde::{Deserialize, Serialize};
 
 use super::FrameQuantities;
 use super::quantity::{LoadUnit, Quantity};
 
-/// The values of a quantity in a span of time.
+/// Summary of the values of a quantity in a time span.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct QuantityRow {
-    /// Begin of the span, s of the Unix epoch: a multiple of its length.
+    /// Start of the span, s since the Unix epoch; a multiple of its length.
     pub begin_s: i64,
     /// Name of the region.
     pub region: String,
@@ -22,13 +22,13 @@ pub struct QuantityRow {
     pub mean: f64,
     /// Largest value.
     pub max: f64,
-    /// Frames with a value.
+    /// Number of frames with a value.
     pub frames: u64,
-    /// Those of them whose map is known to be true.
+    /// Number of frames with a value whose map can be relied on.
     pub known: u64,
 }
 
-/// Collects frames to rows.
+/// Summarises frames as rows.
 #[derive(Debug, Clone)]
 pub struct Rows {
     span_s: i64,
@@ -37,7 +37,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Rows of a length, s.
+    /// Rows with spans of this length, s.
     pub fn new(span_s: u32) -> Self {
         Self {
             span_s: i64::from(span_s.max(1)),
@@ -46,8 +46,8 @@ impl Rows {
         }
     }
 
-    /// Takes the next frame (time in s of the Unix epoch); returns the rows of a span that it ends, those of the first region
-    /// first. A quantity without a value in the span has no row.
+    /// Adds the next frame (time in s since the Unix epoch). If it begins another span, returns the rows of the span
+    /// before, ordered by region. A quantity without a value in the span has no row.
     pub fn take(&mut self, at_s: f64, frame: &FrameQuantities) -> Vec<QuantityRow> {
         let begin_s = (at_s / self.span_s as f64).floor() as i64 * self.span_s;
         let ended = match self.begin_s.replace(begin_s) {
@@ -62,7 +62,7 @@ impl Rows {
                 };
                 let same =
                     |row: &QuantityRow| row.quantity == quantity && row.region == region.name;
-                // rows lie in the order of regions and quantities
+                // rows are sorted by region and quantity
                 let found = self.rows[at..]
                     .iter()
                     .position(same)
@@ -96,7 +96,7 @@ impl Rows {
         ended
     }
 
-    /// The rows of the span that has begun.
+    /// Ends the current span and returns its rows.
     pub fn end(&mut self) -> Vec<QuantityRow> {
         std::mem::take(&mut self.rows)
     }

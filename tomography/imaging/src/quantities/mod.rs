@@ -1,4 +1,4 @@
-//! Numbers that describe a map and its course in time: contact area, load, peak pressure index, centre of pressure, dose,
+//! Quantities of a map and of its course over time: contact area, load, peak pressure index, centre of pressure, dose,
 //! hot spots and others, for the whole sheet and for named regions.
 //!
 //! Lengths in results are mm, areas mm2, pressures kPa, loads N; without a calibration values are relative losses of
@@ -49,15 +49,16 @@ pub const KPA_PER_MMHG: f64 = 0.133_322;
 pub struct QuantitySettings {
     /// Least pressure of the contact area, kPa.
     pub threshold_kpa: f64,
-    /// The same of a map without calibration: relative loss of conductance, %.
+    /// Least relative loss of conductance of the contact area, %, for a map without calibration.
     pub threshold_percent: f64,
     /// Area of the disc of the peak pressure index, cm2.
     pub window_cm2: f64,
-    /// Time below the threshold that ends a time without relief, s.
+    /// A triangle is relieved after this time below the threshold, s.
     pub relief_s: f64,
     /// Time over which the unrelieved area is counted, h.
     pub unrelieved_h: f64,
-    /// Longest time for which the values of a frame hold, s: a longer time to the next known frame counts as not known.
+    /// Longest time for which the values of a frame hold, s; a longer interval to the next known frame counts as
+    /// unknown.
     pub hold_s: f64,
 }
 
@@ -74,18 +75,18 @@ impl Default for QuantitySettings {
     }
 }
 
-/// A map and what is known of it.
+/// A map and the information on whether it can be relied on.
 #[derive(Debug, Clone, Copy)]
 pub struct JudgedMap<'a> {
     /// The map, relative.
     pub map: &'a Map,
-    /// The same as pressure.
+    /// The map converted to pressure; `None` without a calibration.
     pub pressure: Option<&'a Pressure>,
     /// The largest loss by noise alone; `None` if unknown.
     pub noise: Option<f64>,
-    /// What the tracked baseline says of the frame.
+    /// Result of the tracked baseline for the frame.
     pub tracked: Option<&'a Tracked>,
-    /// What the map was made of, for standard deviations; `None` where they are not needed.
+    /// Readings from which the map was made, for standard deviations; `None` if these are not needed.
     pub compared: Option<ComparedReadings<'a>>,
 }
 
@@ -94,20 +95,20 @@ pub struct JudgedMap<'a> {
 pub struct FrameQuantities {
     /// Whether the map can be relied on.
     pub known: bool,
-    /// Why not, as a sentence.
+    /// Why the map cannot be relied on, as a sentence; `None` if it can.
     pub reason: Option<String>,
-    /// What the map's values mean.
+    /// Meaning of the map's values.
     pub unit: LoadUnit,
     /// The whole sheet first, then the named regions.
     pub regions: Vec<RegionQuantities>,
-    /// Hot spots of the sheet, the highest first; those of the last known frame where this one is not to be believed.
+    /// Hot spots of the sheet, the highest first; those of the last known frame if this one cannot be relied on.
     pub spots: Vec<SpotTrack>,
-    /// What became of hot spots with this frame.
+    /// Changes of hot spots with this frame.
     pub changes: Vec<SpotChange>,
 }
 
 impl FrameQuantities {
-    /// Load, contact area and peak pressure index of the whole sheet in a few words; `None` without a load.
+    /// Load, contact area and peak pressure index of the whole sheet as a short text; `None` without a load.
     pub fn summary(&self) -> Option<String> {
         let values = &self.regions.first()?.values;
         let contact = values.get(Quantity::Contact).filter(|area| *area > 0.0);
@@ -132,17 +133,17 @@ impl FrameQuantities {
 pub struct RegionQuantities {
     /// Its name; [`SHEET`] for the whole sheet.
     pub name: String,
-    /// The values; only [`Quantity::Known`] where the map is not to be believed.
+    /// The values; only [`Quantity::Known`] if the map cannot be relied on.
     pub values: Values,
     /// Standard deviations by noise; see [`Deviation`].
     pub deviations: Values,
-    /// Where the peak is, mm.
+    /// Position of the peak, x and y, mm.
     pub peak_mm: Option<[f64; 2]>,
-    /// Where the disc of the peak pressure index is, mm.
+    /// Centre of the disc of the peak pressure index, mm.
     pub ppi_mm: Option<[f64; 2]>,
-    /// Where the largest dose is, mm.
+    /// Position of the largest dose, mm.
     pub dose_mm: Option<[f64; 2]>,
-    /// Where the longest unrelieved time is, mm.
+    /// Position of the longest unrelieved time, mm.
     pub unrelieved_mm: Option<[f64; 2]>,
 }
 
@@ -158,7 +159,7 @@ pub struct QuantifierState {
     tracks: TracksState,
 }
 
-/// Computes the quantities of frame after frame.
+/// Computes the quantities of consecutive frames.
 #[derive(Clone)]
 pub struct Quantifier {
     surface: Surface,
@@ -170,10 +171,10 @@ pub struct Quantifier {
 }
 
 impl Quantifier {
-    /// For the maps of a model, in kPa if it has a calibration.
+    /// A quantifier for the maps of a model, in kPa if it has a calibration.
     ///
     /// # Errors
-    /// A region that is wrong or lies beside the map.
+    /// A region that is invalid or outside of the map.
     pub fn new(
         model: &Model,
         settings: &QuantitySettings,
@@ -198,7 +199,7 @@ impl Quantifier {
         self
     }
 
-    /// For maps on a surface.
+    /// A quantifier for maps on a surface.
     pub fn of_surface(surface: Surface, settings: QuantitySettings, unit: LoadUnit) -> Self {
         let course = CourseSettings {
             threshold: threshold(&settings, unit),
@@ -218,7 +219,7 @@ impl Quantifier {
         }
     }
 
-    /// What the values mean.
+    /// Meaning of the values.
     pub fn unit(&self) -> LoadUnit {
         self.unit
     }
@@ -228,7 +229,7 @@ impl Quantifier {
         &self.settings
     }
 
-    /// The surface that it works on.
+    /// The surface of the maps.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
@@ -243,7 +244,7 @@ impl Quantifier {
         self.course.unrelieved()
     }
 
-    /// Everything that the next frame's quantities depend on, besides what this was made of.
+    /// The state that later quantities depend on, without surface and settings.
     pub fn state(&self) -> QuantifierState {
         QuantifierState {
             mesh: self.surface.mesh().to_owned(),
@@ -254,10 +255,10 @@ impl Quantifier {
         }
     }
 
-    /// Goes on from a state: later quantities have the same bits as without the interruption.
+    /// Continues from a stored state: later quantities have the same bits as without the interruption.
     ///
     /// # Errors
-    /// Why it is not a state of these maps, regions and settings; nothing is changed.
+    /// The reason, if the state belongs to other maps, regions or settings; nothing is changed then.
     pub fn restore(&mut self, state: &QuantifierState) -> Result<(), &'static str> {
         if state.mesh != self.surface.mesh() || state.unit != self.unit {
             return Err("the maps are on another mesh or in another unit");
@@ -277,8 +278,8 @@ impl Quantifier {
         Ok(())
     }
 
-    /// The quantities of the next frame; `None` for a frame without a map. `at_s`: its time, s of the Unix epoch; of a recording
-    /// without times `None`, and quantities over time are not known.
+    /// The quantities of the next frame; `None` for a frame without a map. `at_s`: its time, s since the Unix epoch;
+    /// `None` for a recording without times, whose quantities over time are unknown.
     pub fn take(
         &mut self,
         at_s: impl Into<Option<f64>>,
@@ -382,7 +383,7 @@ impl Quantifier {
         }
     }
 
-    /// Why a map has no pressure, where quantities are in kPa.
+    /// The reason if quantities are in kPa and the map has no pressure; otherwise `None`.
     fn without_pressure(&self, judged: &JudgedMap<'_>) -> Option<String> {
         (self.unit == LoadUnit::Pressure && judged.pressure.is_none())
             .then(|| "the calibration does not belong to this map".to_owned())
@@ -392,7 +393,7 @@ impl Quantifier {
         threshold(&self.settings, self.unit)
     }
 
-    /// The hot spots of a map, down to those that stay one if they were one before.
+    /// The hot spots of a map, down to the lower threshold of those that already exist ([`STAYS`]).
     fn hot_spots(&self, loads: &[f64]) -> Vec<HotSpot> {
         let adjacency = self.surface.adjacency();
         adjacency.hot_spots(loads, STAYS * self.threshold())
@@ -432,7 +433,7 @@ impl Quantifier {
     }
 }
 
-/// A value with three digits, without an exponent.
+/// A value as text without an exponent: three significant digits, three decimals below 1, no decimals from 100 on.
 pub fn rounded(value: f64) -> String {
     match value.abs() {
         size if size >= 100.0 || size == 0.0 => format!("{value:.0}"),
@@ -453,7 +454,7 @@ fn losses(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| (-value).max(0.0)).collect()
 }
 
-/// Why the map is not to be believed.
+/// Why the map cannot be relied on; `None` if it can.
 fn unreliable(map: &Map) -> Option<String> {
     let quality = map.quality.as_ref()?;
     (quality.verdict == Verdict::Unreliable).then(|| quality.text())

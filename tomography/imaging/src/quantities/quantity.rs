@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// A number that describes a map, or its course in time, over the whole sheet or one region.
+/// A quantity of a map, or of its course over time, for the whole sheet or one region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
@@ -12,7 +12,7 @@ pub enum Quantity {
     Contact,
     /// Integral of the values over the area.
     Load,
-    /// Mean over the contact area.
+    /// Mean value over the contact area.
     Mean,
     /// The largest value, of one triangle.
     Peak,
@@ -32,7 +32,7 @@ pub enum Quantity {
     HotSpots,
     /// Speed of the centre of pressure.
     Speed,
-    /// Length of its path since the session's first frame.
+    /// Length of the path of the centre of pressure since the session's first frame.
     Path,
     /// The largest dose of a triangle: integral over time of the value above the threshold.
     Dose,
@@ -40,11 +40,11 @@ pub enum Quantity {
     Unrelieved,
     /// Area that was loaded for 95 % of the last window.
     UnrelievedArea,
-    /// 1 where the map is known to be true, 0 where it is not: its mean over a span is the known share of the frames.
+    /// 1 if the map can be relied on, otherwise 0; its mean over a span is the share of known frames.
     Known,
 }
 
-/// What the values of a map mean for its quantities.
+/// Meaning of the values of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LoadUnit {
@@ -54,7 +54,7 @@ pub enum LoadUnit {
     Pressure,
 }
 
-/// Each quantity with its name and a few words for people, in the order of the declaration.
+/// Each quantity with its name and its description, in the order of the declaration.
 const TABLE: [(Quantity, &str, &str); 17] = [
     (Quantity::Contact, "contact", "contact area"),
     (Quantity::Load, "load", "load"),
@@ -88,7 +88,7 @@ const TABLE: [(Quantity, &str, &str); 17] = [
 ];
 
 impl Quantity {
-    /// All, in the order of tables.
+    /// All quantities, in the order of tables.
     pub const ALL: [Self; TABLE.len()] = {
         let mut all = [Self::Contact; TABLE.len()];
         let mut place = 0;
@@ -104,12 +104,12 @@ impl Quantity {
         TABLE[self as usize].1
     }
 
-    /// From its name.
+    /// The quantity with this name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|known| known.name() == name)
     }
 
-    /// A few words for people.
+    /// A short description.
     pub fn words(self) -> &'static str {
         TABLE[self as usize].2
     }
@@ -142,7 +142,7 @@ impl LoadUnit {
         Quantity::Peak.unit(self)
     }
 
-    /// [`Quantity::Load`] of a value of 1 over 1 m2: 1 kPa is 1,000 N there.
+    /// [`Quantity::Load`] of a value of 1 over 1 m2: 1 kPa over 1 m2 is 1,000 N.
     pub(super) fn load_factor(self) -> f64 {
         match self {
             Self::Pressure => 1e3,
@@ -151,7 +151,8 @@ impl LoadUnit {
     }
 }
 
-/// One number for each [`Quantity`]; `None` where it does not exist or is not known. In JSON an object without the latter.
+/// One number for each [`Quantity`]; `None` if it does not exist or is not known. In JSON an object without the missing
+/// ones.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(into = "BTreeMap<Quantity, f64>", from = "BTreeMap<Quantity, f64>")]
 pub struct Values([Option<f64>; Quantity::ALL.len()]);
@@ -162,7 +163,7 @@ impl Values {
         self.0[quantity as usize]
     }
 
-    /// The values that a function keeps, as it converts them.
+    /// The values converted by a function, without those for which it returns `None`.
     pub fn filter_map(&self, mut convert: impl FnMut(Quantity, f64) -> Option<f64>) -> Self {
         let mut converted = Self::default();
         for quantity in Quantity::ALL {

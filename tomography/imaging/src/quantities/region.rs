@@ -2,14 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Name of the whole sheet where a region is expected.
+/// Name of the whole sheet in place of a region.
 pub const SHEET: &str = "sheet";
 
 /// `[[region]]`: a named part of the sheet, a rectangle or a polygon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RegionSettings {
-    /// Its name: letters, digits, `-` and `_`, different from that of any other region.
+    /// Unique name of letters, digits, `-` and `_`.
     pub name: String,
     /// `[x, y, x, y]` of two opposite corners, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -28,27 +28,27 @@ pub struct RegionShape {
     pub corners_mm: Vec<[f64; 2]>,
 }
 
-/// Whether a text is a name of a region or an alarm: letters, digits, `-` and `_`, 32 at most.
+/// Whether a text is a valid name of a region or an alarm: letters, digits, `-` and `_`, 1 to 32 characters.
 pub fn is_name(text: &str) -> bool {
     let character = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     (1..=32).contains(&text.len()) && text.chars().all(character)
 }
 
-/// A region without quantities.
+/// Why a region is invalid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RegionError {
-    /// A name that is no name.
+    /// An invalid name.
     #[error(
         "region '{0}': a name has letters, digits, '-' and '_', 32 at most, and is not '{SHEET}'"
     )]
     Name(String),
-    /// Two regions of one name.
+    /// Two regions with the same name.
     #[error("region '{0}' is defined twice")]
     Twice(String),
-    /// Neither or both shapes.
+    /// Neither of the shapes, or both.
     #[error("region '{0}' needs either rectangle_mm = [x, y, x, y] or polygon_mm = [[x, y], ...]")]
     Shape(String),
-    /// A shape without area.
+    /// A shape without area, or with edges that cross.
     #[error("region '{name}': {why}")]
     Corners {
         /// Its name.
@@ -56,7 +56,7 @@ pub enum RegionError {
         /// What is wrong.
         why: &'static str,
     },
-    /// A shape beside the sheet.
+    /// A shape outside of the sheet.
     #[error("region '{name}' does not touch the sheet, which extends from ({:.0}, {:.0}) to ({:.0}, {:.0}) mm", .low[0], .low[1], .high[0], .high[1])]
     Beside {
         /// Its name.
@@ -69,7 +69,7 @@ pub enum RegionError {
 }
 
 impl RegionSettings {
-    /// Name and corners; `None` for a region that is wrong.
+    /// Name and corners; `None` for an invalid region.
     pub fn shape(&self) -> Option<RegionShape> {
         let corners = self.corners().ok()?;
         Some(RegionShape {
@@ -84,7 +84,7 @@ impl RegionSettings {
     /// Corners of the region, m.
     ///
     /// # Errors
-    /// A wrong name, no shape or two, a shape without area or with an edge that crosses another.
+    /// An invalid name, no shape or two, a shape without area or with edges that cross.
     pub fn corners(&self) -> Result<Vec<[f64; 2]>, RegionError> {
         if !is_name(&self.name) || self.name == SHEET {
             return Err(RegionError::Name(self.name.clone()));
@@ -120,7 +120,7 @@ impl RegionSettings {
 /// Checks names and shapes of a list of regions.
 ///
 /// # Errors
-/// The first fault, with the position of its region.
+/// The first error, with the position of its region.
 pub fn check_regions(regions: &[RegionSettings]) -> Result<(), (usize, RegionError)> {
     for (index, region) in regions.iter().enumerate() {
         region.corners().map_err(|error| (index, error))?;

@@ -1,4 +1,4 @@
-//! Rows of quantities as they are stored beside a session.
+//! Rows of quantities in the file next to their session.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,10 +11,10 @@ use super::minutes::QuantityRow;
 use super::quantity::{LoadUnit, Quantity};
 use crate::tracking::{keep_as, kept_as};
 
-/// Length of a stored span, s.
+/// Length of the stored time spans, s.
 pub const STORED_S: u32 = 60;
 
-/// One line: a span of all regions.
+/// One line of the file: a time span of all regions.
 #[derive(Debug, Serialize, Deserialize)]
 struct StoredSpan {
     begin_s: i64,
@@ -25,7 +25,7 @@ struct StoredSpan {
 #[derive(Debug, Serialize, Deserialize)]
 struct StoredRegion {
     name: String,
-    /// Smallest, mean and largest value; frames with a value, and those of them that are known.
+    /// Smallest, mean and largest value; number of frames with a value, and number of known ones among them.
     values: BTreeMap<Quantity, (f32, f32, f32, u64, u64)>,
 }
 
@@ -58,13 +58,13 @@ pub fn store(folder: &Path, session: &str, rows: &[QuantityRow]) -> Result<(), L
         of: first.of,
         regions,
     };
-    // numbers and words: they have a text
+    // a struct of numbers and strings can always be serialised
     let json = serde_json::to_string(&span).unwrap_or_default();
     logbook::append_quantities(folder, session, &json)
 }
 
-/// The rows stored with a session, in the order of time, values to seven digits; `None` if it has none. The second value is the
-/// number of lines that are damaged.
+/// The rows stored with a session, in order of time, with values of seven digits; `None` if it has none. The second
+/// value is the number of damaged lines.
 ///
 /// # Errors
 /// A file that cannot be read.
@@ -78,7 +78,7 @@ pub fn stored(
     let mut damaged = found.damaged;
     let mut rows = Vec::new();
     for line in found.lines {
-        // a later version may have quantities that this one does not know
+        // a later version may have written quantities that this version does not have
         let Ok(span) = serde_json::from_str::<StoredSpan>(&line.json) else {
             damaged += 1;
             continue;
@@ -102,7 +102,7 @@ pub fn stored(
     Ok(Some((rows, damaged)))
 }
 
-/// The quantities over time of a session up to a frame.
+/// The state of a session's quantities over time after a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeptCourse {
@@ -112,15 +112,15 @@ pub struct KeptCourse {
     pub state: QuantifierState,
 }
 
-/// Keeps it beside the session, in place of an earlier one.
+/// Stores the state next to the session, in place of an earlier one.
 ///
 /// # Errors
-/// A disk error; what was kept before is still there.
+/// A disk error; the earlier state remains.
 pub fn keep_course(folder: &Path, session: &str, kept: &KeptCourse) -> Result<(), LogbookError> {
     keep_as(folder, session, StateKind::Course, kept)
 }
 
-/// What is kept beside a session; `None` if nothing is.
+/// The state stored next to a session; `None` if there is none.
 ///
 /// # Errors
 /// A file that cannot be read or is damaged.
@@ -128,8 +128,8 @@ pub fn kept_course(folder: &Path, session: &str) -> Result<Option<KeptCourse>, L
     kept_as(folder, session, StateKind::Course)
 }
 
-/// Keeps the rows in the unit of the one that was written last, and returns how many had another: a session has two units where
-/// its model got a calibration while it was recorded.
+/// Removes the rows in another unit than that of the last row, and returns their number. A session has two units if its
+/// model was calibrated during the recording.
 pub fn keep_newest_unit(rows: &mut Vec<QuantityRow>) -> usize {
     let all = rows.len();
     if let Some(unit) = rows.last().map(|row| row.of) {
@@ -138,8 +138,8 @@ pub fn keep_newest_unit(rows: &mut Vec<QuantityRow>) -> usize {
     all - rows.len()
 }
 
-/// Joins rows of one unit to spans of a length that is a multiple of theirs, s; in the order of time, also where the clock
-/// was set back between them.
+/// Joins rows of one unit to spans of `span_s`, s, a multiple of their own length. The result is in order of time, even
+/// if the clock was set back.
 pub fn joined(rows: &[QuantityRow], span_s: u32) -> Vec<QuantityRow> {
     let span_s = i64::from(span_s.max(1));
     let mut rows: Vec<&QuantityRow> = rows.iter().collect();
@@ -219,7 +219,7 @@ mod tests {
             of: LoadUnit::RelativeLoss,
             ..row(begin_s, mean, frames)
         };
-        // the clock was set back by two minutes, then the model got a calibration
+        // the clock was set back by two minutes, then the model was calibrated
         let mut rows = vec![
             relative(0, 2.0, 10),
             relative(120, 4.0, 10),

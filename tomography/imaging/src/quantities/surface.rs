@@ -7,7 +7,7 @@ use survey::Adjacency;
 
 use super::region::{RegionError, RegionSettings, SHEET};
 
-/// A triangle is cut into 4^CUTS equal parts to find the share of it that lies in a disc or a region.
+/// A triangle is cut into 4^CUTS equal parts to compute the share of it that lies in a disc or a region.
 const CUTS: u32 = 2;
 
 /// The triangles of a map, prepared for its quantities.
@@ -19,7 +19,7 @@ pub struct Surface {
     /// Corners of each triangle as positions in `vertices`.
     corners: Vec<[usize; 3]>,
     vertices: Vec<[f64; 2]>,
-    /// Round each centroid.
+    /// One disc around each centroid.
     discs: Vec<IndexDisc>,
     regions: Vec<SurfaceRegion>,
 }
@@ -46,7 +46,7 @@ impl Surface {
     /// Prepares the region of a mesh. `window`: area of the discs of the peak pressure index, m2.
     ///
     /// # Errors
-    /// A region that is wrong or does not touch the mesh's region.
+    /// A region that is invalid or does not touch the mesh's region.
     pub fn new(mesh: &Mesh, window: f64, regions: &[RegionSettings]) -> Result<Self, RegionError> {
         let triangles: Vec<_> = mesh.region().iter().map(|t| mesh.corners(*t)).collect();
         Ok(Self {
@@ -129,7 +129,7 @@ impl Surface {
         &self.adjacency
     }
 
-    /// Means of the values over the disc round each centroid.
+    /// Means of the values over the disc around each centroid.
     pub(super) fn disc_means(&self, loads: &[f64]) -> Vec<f64> {
         let mean = |disc: &IndexDisc| integral(loads, &disc.triangles, &disc.inside) / disc.area;
         self.discs.iter().map(mean).collect()
@@ -160,7 +160,8 @@ impl Surface {
     }
 }
 
-/// Sum of the values of triangles times areas, in four sums side by side: one alone waits for each of its additions.
+/// Sum of values times areas over triangles, as four independent sums: in a single sum each addition would wait for the
+/// previous one.
 fn integral(loads: &[f64], triangles: &[u32], areas: &[f64]) -> f64 {
     let (triangles, last_triangles) = triangles.as_chunks::<4>();
     let (areas, last_areas) = areas.as_chunks::<4>();
@@ -197,7 +198,7 @@ fn share(parts: &[[f64; 2]], inside: impl Fn([f64; 2]) -> bool) -> f64 {
     parts.iter().filter(|point| inside(**point)).count() as f64 / parts.len() as f64
 }
 
-/// Triangles in the disc of a radius round each centroid, and the area of each inside of it.
+/// The triangles in a disc of this radius around each centroid, and the area of each triangle within the disc.
 fn discs(
     triangles: &[[[f64; 2]; 3]],
     parts: &[Vec<[f64; 2]>],
@@ -217,7 +218,7 @@ fn discs(
                 .fold(0.0, f64::max)
         })
         .collect();
-    // sorted by x, so that only triangles of a strip are compared
+    // sorted by x, so that only triangles within a strip are compared
     let mut by_x: Vec<usize> = (0..triangles.len()).collect();
     by_x.sort_by(|a, b| centroids[*a][0].total_cmp(&centroids[*b][0]));
     let farthest = radius + reach.iter().copied().fold(0.0, f64::max);

@@ -137,7 +137,7 @@ fn a_slope_has_its_gradient_and_a_corner_clips_the_disc() {
 
 #[test]
 fn a_region_cuts_triangles_in_their_share() {
-    // its left edge halves the squares of column 40
+    // the left edge of the region halves the squares of column 40
     let surface = surface(&[rectangle("right", [101.25, -10.0, 210.0, 210.0])]);
     let found = of(&surface, &vec![2.0; 2 * SQUARES * SQUARES]);
     near(found[1].values.get(Quantity::Contact), 98.75 * 200.0, 1e-3);
@@ -203,7 +203,7 @@ fn dose_and_time_without_relief_by_hand() {
     assert_eq!(take(321.0, 3.0), [240.0, 10.0]);
 }
 
-/// Quantities of a press that comes, moves and goes, in JSON, from the first frame on or from a stored state.
+/// Quantities, as JSON, of a press that appears, moves and is removed; from the first frame or from a stored state.
 fn from_frame(quantifier: &mut Quantifier, frames: std::ops::Range<u32>) -> Vec<String> {
     let taken = frames.map(|frame| {
         let loss = if frame % 7 == 6 { 0.0 } else { -0.3 };
@@ -284,7 +284,7 @@ fn a_restart_at_any_frame_changes_no_bit() {
         after.restore(&state).unwrap();
         taken.extend(from_frame(&mut after, end..30));
         assert_eq!(taken, whole, "restart after {end}");
-        // another threshold is another dose
+        // the state of another threshold is refused, because its dose differs
         let mut other = quantifier(6.0);
         assert!(other.restore(&state).is_err());
         assert_ne!(from_frame(&mut other, end..30), whole[end as usize..]);
@@ -327,7 +327,7 @@ fn a_gap_is_no_relief() {
     };
     take(0.0);
     assert_eq!(take(50.0), Some(50.0));
-    // an hour without frames: the time goes on from where it was
+    // after an hour without frames the time continues from its last value
     assert_eq!(take(3650.0), Some(50.0));
     assert_eq!(take(3660.0), Some(60.0));
 }
@@ -344,7 +344,7 @@ fn the_unrelieved_area_is_known_after_a_whole_window() {
     for second in (0..450).step_by(10) {
         assert_eq!(take(second, &loads), None, "{second} s");
     }
-    // two triangles of half a square of 2.5 mm
+    // two triangles, each half of a square of 2.5 mm
     near(take(460, &loads), 6.25, 1e-9);
     // a relief of 30 s is more than 5 % of 480 s
     loads[0] = 0.0;

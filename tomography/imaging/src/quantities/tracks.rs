@@ -1,4 +1,4 @@
-//! Hot spots from frame to frame: each keeps its number while it moves.
+//! Tracking of hot spots from frame to frame: each keeps its number while it moves.
 
 use drift::bits;
 use serde::{Deserialize, Serialize};
@@ -6,70 +6,70 @@ use survey::HotSpot;
 
 use super::quantity::LoadUnit;
 
-/// Longest way of a hot spot between two frames, in addition to its radius, m.
+/// Longest distance that a hot spot moves between two frames, in addition to its radius, m.
 const LONGEST_STEP_M: f64 = 0.02;
-/// Distance from the last reported place after which a hot spot is reported as moved, m.
+/// Distance from the last reported position at which a hot spot is reported as moved, m.
 const MOVED_M: f64 = 0.01;
-/// A hot spot that is followed stays one down to this share of the threshold: noise at the threshold neither ends nor begins it
-/// with every frame.
+/// An existing hot spot ends only below this share of the threshold (hysteresis), so that noise at the threshold does
+/// not end and begin it with every frame.
 pub(super) const STAYS: f64 = 0.8;
 
 /// A hot spot with its history.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SpotTrack {
-    /// Its number, from 1 in the order of appearance.
+    /// Its number, from 1 in order of appearance.
     pub number: u64,
     /// Centre, mm.
     pub centre_mm: [f64; 2],
     /// The largest value.
     pub peak: f64,
-    /// Area at half of that value or more, mm2.
+    /// Area with at least half of the peak value, mm2.
     pub area_mm2: f64,
-    /// Load of that area, N, or mm2 lost without a calibration.
+    /// Load of that area, N; without a calibration mm2 of lost conductance.
     pub load: f64,
-    /// How far noise may move and change it; `None` where that is not computed or not known.
+    /// Uncertainty of centre and load by noise; `None` if it is not computed or not known.
     pub uncertainty: Option<SpotUncertainty>,
-    /// Time since it appeared, s; `None` where frames have no times.
+    /// Time since it appeared, s; `None` if frames have no times.
     pub age_s: Option<f64>,
-    /// Speed of its centre since the frame before, mm/s; `None` in its first frame, and where frames have no times.
+    /// Speed of its centre since the previous frame, mm/s; `None` in its first frame, and if frames have no times.
     pub speed_mm_s: Option<f64>,
 }
 
-/// Where a hot spot's centre and load are with 95 %, as far as noise goes.
+/// 95 % region of a hot spot's centre and 95 % interval of its load; noise is the only error considered.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SpotUncertainty {
     /// Half axes of the ellipse about the centre, mm, the longer first.
     pub half_axes_mm: [f64; 2],
-    /// Angle of the longer one from the x axis, degrees, counter-clockwise.
+    /// Angle of the longer half axis from the x axis, degrees, counter-clockwise.
     pub angle_deg: f64,
     /// The load's interval, in its unit.
     pub load_interval: [f64; 2],
 }
 
-/// What became of a hot spot with a frame.
+/// Change of a hot spot with a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "change")]
 pub enum SpotChange {
-    /// It was not there before.
+    /// It is new.
     Appeared {
         /// Its number.
         number: u64,
     },
-    /// It is at least 10 mm from where it was last reported.
+    /// It is at least 10 mm from its last reported position.
     Moved {
         /// Its number.
         number: u64,
-        /// From there, mm.
+        /// Distance from that position, mm.
         distance_mm: f64,
     },
-    /// It is part of another one now.
+    /// It is now part of another one.
     Merged {
         /// Its number.
         number: u64,
-        /// The other's.
+        /// Number of the other one.
         into: u64,
     },
-    /// It is not there any more.
+    /// It has ended.
     Gone {
         /// Its number.
         number: u64,
@@ -93,12 +93,13 @@ struct Track {
     reported: [f64; 2],
 }
 
-/// All hot spots, as they are stored.
+/// Stored form of all hot spots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TracksState {
     numbers: Vec<u64>,
-    /// For each: centre, peak, area, load, time of appearance, reported place; and its speed, NaN in its first frame.
+    /// Nine values for each hot spot: centre (2), peak, area, load, time of appearance, reported position (2), and
+    /// speed (NaN in its first frame).
     #[serde(with = "bits")]
     values: Vec<f64>,
     numbered: u64,
@@ -132,7 +133,7 @@ impl Tracks {
         }
     }
 
-    /// Goes on from a state; `None` if it is inconsistent.
+    /// Continues from a stored state; `None` if it is inconsistent.
     pub(super) fn restored(state: &TracksState) -> Option<Self> {
         let (each, rest) = state.values.as_chunks::<9>();
         if each.len() != state.numbers.len() || !rest.is_empty() {
@@ -160,8 +161,8 @@ impl Tracks {
         })
     }
 
-    /// Takes the hot spots of the next frame, and returns what became of those before. `threshold`: the least peak of a new one;
-    /// `spots` has those down to [`STAYS`] of it.
+    /// Adds the hot spots of the next frame and returns the changes. `threshold`: the least peak of a new hot spot;
+    /// `spots` contains those down to [`STAYS`] of it.
     pub(super) fn take(&mut self, at_s: f64, spots: &[HotSpot], threshold: f64) -> Vec<SpotChange> {
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (old, track) in self.current.iter().enumerate() {
@@ -184,7 +185,7 @@ impl Tracks {
         let step = at_s - self.last_s;
         let mut before = std::mem::take(&mut self.current);
         if step < 0.0 {
-            // the clock was set back: they are as old as before
+            // the clock was set back: keep their ages
             for track in &mut before {
                 track.since_s += step;
             }
@@ -237,7 +238,7 @@ impl Tracks {
         changes
     }
 
-    /// The hot spots of the last frame, as [`Tracks::list`] has them.
+    /// The hot spots of the last frame, in the order of [`Tracks::list`].
     pub(super) fn spots(&self) -> impl Iterator<Item = &HotSpot> {
         self.current.iter().map(|track| &track.spot)
     }

@@ -19,13 +19,13 @@ pub const PROVENANCE: &str = "provenance.toml";
 pub struct Provenance {
     /// Id of the session.
     pub session: String,
-    /// Its beginning, RFC 3339, UTC.
+    /// Start of the session, RFC 3339, UTC.
     pub started: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// Program that recorded it.
+    /// Name and version of the program that recorded the session.
     pub build: String,
-    /// Id of its baseline.
+    /// Id of the session's baseline.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
     /// Number of frames averaged for the baseline.
@@ -79,7 +79,7 @@ impl Provenance {
 /// Which frames of a case folder to read, and their baseline.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TableOptions<'a> {
-    /// The table: a bare name is searched in the folder first. Default: [`FRAMES`] of the folder.
+    /// The table; a name without a folder is searched in the case folder first. Default: [`FRAMES`] of the folder.
     pub frames: Option<&'a Path>,
     /// The baseline. Default: [`BASELINE`] of the folder, otherwise the first frame.
     pub baseline: Option<&'a BaselineRule>,
@@ -92,13 +92,14 @@ pub struct TableOptions<'a> {
 pub struct FrameTable {
     /// Every frame of the table, including those of the baseline.
     pub frames: Vec<LabelledReadings>,
-    /// Frame numbers: the session's if all labels are `f` and a number, ascending; otherwise the rows, from 1.
+    /// Frame numbers: those of the session if all labels are `f` and a number, ascending; otherwise the row numbers,
+    /// from 1.
     pub numbers: Vec<u64>,
     /// The baseline.
     pub unloaded: Unloaded,
     /// Description of the frames averaged for the baseline.
     pub baseline_name: String,
-    /// The origin of the frames, if they are the folder's own and it has a provenance file.
+    /// The origin of the frames, if they are in the folder's default table and the folder has a provenance file.
     pub provenance: Option<Provenance>,
 }
 
@@ -161,8 +162,8 @@ fn numbers(frames: &[LabelledReadings]) -> Vec<u64> {
         .unwrap_or_else(|| (1..=frames.len() as u64).collect())
 }
 
-/// Resolves a file. A bare name: in the folder, then in the current directory. A path: as given, then relative to the
-/// folder.
+/// Resolves the path of a file. A name without a folder is searched in the case folder, then in the current directory;
+/// any other path is tried as given, then relative to the case folder.
 fn within(folder: &Path, file: &Path) -> Result<PathBuf, RecordedError> {
     let inside = folder.join(file);
     let bare = file.parent() == Some(Path::new(""));

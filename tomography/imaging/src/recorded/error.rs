@@ -9,13 +9,13 @@ use survey::BaselineError;
 /// Why recorded frames cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordedError {
-    /// The session file.
+    /// The session file cannot be read.
     #[error("the recorded session cannot be read")]
     Session(#[from] LogbookError),
-    /// The protocol of a case folder.
+    /// The protocol of a case folder is invalid.
     #[error("the protocol of the recording")]
     Protocol(#[source] CaseError),
-    /// The table of frames.
+    /// The table of frames is invalid.
     #[error("the frames")]
     Frames(#[source] CaseError),
     /// Frames with different currents for different readings.
@@ -53,16 +53,16 @@ pub enum RecordedError {
         /// Number of frames.
         frames: usize,
     },
-    /// The frames do not make a baseline.
+    /// No baseline can be made from the frames.
     #[error("no baseline can be made from the frames of '{requested}'")]
     Baseline {
         /// The rule as given.
         requested: String,
-        /// The contradiction.
+        /// The reason.
         #[source]
         cause: BaselineError,
     },
-    /// A session without a baseline, and no rule that selects its frames.
+    /// A session without a baseline, if no rule selects frames for one.
     #[error("session {0} has no baseline; name its frames: baseline = \"first:N\"")]
     NoBaseline(String),
 }

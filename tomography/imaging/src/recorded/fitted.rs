@@ -11,15 +11,16 @@ use crate::error::BuildError;
 use crate::geometry::Geometry;
 use crate::noise::{Noise, at_currents, factor, fitted_conductance};
 
-/// Largest ratio between baseline and known conductance at which the latter is used without scaling.
+/// Largest ratio, in either direction, between the baseline and the readings of a known conductance for which that
+/// conductance is used without scaling.
 const BELIEVED: f64 = 1.25;
 
 /// Conductance, current and scale of a recording without a configuration.
 #[derive(Debug, Clone)]
 pub struct Fitted {
-    /// With the given conductance, or a uniform one fitted to the baseline.
+    /// The geometry with the given conductance, or with a uniform one fitted to the baseline.
     pub geometry: Geometry,
-    /// Assumptions and derived values, a sentence each.
+    /// Assumptions and derived values, one sentence each.
     pub notes: Vec<String>,
     current: Amps,
     scale: Scale,

@@ -1,4 +1,4 @@
-//! Recorded frames by index, as if they had just been acquired: for a rig that plays a recording.
+//! Recorded frames by index, in the form of newly acquired frames, for a rig that plays a recording.
 
 use std::path::Path;
 use std::time::Duration;
@@ -66,7 +66,8 @@ impl IndexedFrames {
         })
     }
 
-    /// Opens a session from its first part with all that follow, or a later part alone, and returns its protocol too. `negate` inverts every sign.
+    /// Opens a session: from its first part with all later parts, or a later part alone. Also returns the protocol.
+    /// `negate` inverts every sign.
     ///
     /// # Errors
     /// [`RecordedError::Session`].
@@ -74,7 +75,8 @@ impl IndexedFrames {
         let parts = SessionParts::open(path)?;
         let protocol = parts.header().protocol.clone();
         let first_sequence = parts.header().first_sequence;
-        // counted by sequence numbers: a frame lost between two parts is reported as unreadable, as one lost within a part is
+        // counted by sequence numbers, so that a frame lost between two parts is reported as unreadable, like one lost
+        // within a part
         let frames = (parts.last_sequence()? + 1).saturating_sub(first_sequence);
         if frames > 0 {
             parts.frame(first_sequence)?;
@@ -126,8 +128,8 @@ impl IndexedFrames {
         }
     }
 
-    /// Times of the original frame by the clock of the daemon that took it, which begins anew when the next daemon resumes the
-    /// session, and by the wall clock; `None` for a table without times.
+    /// Times of the original frame: by the monotonic clock of the daemon that took it, which restarts when the next
+    /// daemon resumes the session, and by the wall clock. `None` for a table, which has no times.
     ///
     /// # Errors
     /// The frame cannot be read.
@@ -142,7 +144,7 @@ impl IndexedFrames {
         }
     }
 
-    /// The frame at this index, from 0 to below [`IndexedFrames::len`]; a frame of a table gets the time `wall`.
+    /// The frame at this index, from 0 to below [`IndexedFrames::len`]. A frame of a table gets the time `wall`.
     ///
     /// # Errors
     /// The frame cannot be read.
@@ -160,7 +162,7 @@ impl IndexedFrames {
                 simulated: self.simulated,
             }),
             Source::Session { parts, .. } => {
-                // a later part of a session continues its numbers
+                // a later part of a session continues the sequence numbers
                 let sequence = parts.header().first_sequence + index;
                 let mut frame = parts.frame(sequence)?.frame;
                 if self.negate {
@@ -171,7 +173,7 @@ impl IndexedFrames {
         }
     }
 
-    /// The baseline: `first:N` frames of the recording, or the mean of a table's frames. Default: a session's own
+    /// The baseline: the mean of the first N frames (`first:N`), or of the frames in a file. Default: a session's own
     /// baseline, or a table's first frame.
     ///
     /// # Errors

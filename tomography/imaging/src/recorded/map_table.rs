@@ -1,4 +1,5 @@
-//! The companion tables of a table of maps: the triangle of each column, the frame of each row, and standard deviations.
+//! The companion tables of a table of maps: the triangle of each column, the frame of each row, and the standard
+//! deviations.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -24,14 +25,15 @@ pub struct MapCompanions {
 /// Summary of the standard deviations of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DeviationSummary {
-    /// Share of the region's area that the frame determines.
+    /// Share of the region's area in triangles that the frame determines.
     pub resolved: f64,
-    /// Median of the standard deviations of ln conductance there; `None` if the frame determines no triangle.
+    /// Median of the standard deviations of ln conductance in these triangles; `None` if there are none.
     pub median: Option<f64>,
 }
 
 impl DeviationSummary {
-    /// From the standard deviation of each triangle (NaN where the frame does not determine it) and the triangles' areas.
+    /// Summarises the standard deviation of each triangle (NaN if the frame does not determine it), given the
+    /// triangles' areas.
     pub fn of(deviations: &[f64], areas: &[f64]) -> Self {
         let each = deviations.iter().zip(areas);
         let known = each.filter(|(deviation, _)| !deviation.is_nan());
@@ -90,13 +92,13 @@ pub struct MapRow<'a> {
     pub label: &'a str,
     /// Time of the frame.
     pub time: Option<DateTime<Utc>>,
-    /// What the tracked baseline says of the frame.
+    /// Result of the tracked baseline for the frame.
     pub tracked: Option<&'a Tracked>,
     /// The map, or why the frame has none.
     pub map: Result<MapOfRow<'a>, &'a str>,
 }
 
-/// A map, and what is known of it.
+/// A map with the values derived from it.
 #[derive(Debug, Clone, Copy)]
 pub struct MapOfRow<'a> {
     /// The map, relative.
@@ -112,7 +114,7 @@ pub struct MapOfRow<'a> {
 }
 
 impl<'a> MapOfRow<'a> {
-    /// The map as it is shown: kPa with a calibration.
+    /// The displayed map: kPa with a calibration.
     pub fn shown(&self) -> Cow<'a, Map> {
         match self.pressure {
             Some(pressure) => Cow::Owned(pressure.map(self.map)),
@@ -135,8 +137,8 @@ impl<'a> MapOfRow<'a> {
     }
 }
 
-/// A frame and its map in one line of JSON, as `tactus replay` and `tactus-lab reconstruct` print it; without a map its fields
-/// are `None`.
+/// A frame and its map as one line of JSON, as printed by `tactus replay` and `tactus-lab reconstruct`. If the frame
+/// has no map, the fields of the map are `None`.
 #[derive(Debug, Serialize)]
 pub struct MapLine<'a> {
     /// Number of the frame.
@@ -149,31 +151,31 @@ pub struct MapLine<'a> {
     pub found_mm: Option<[f64; 2]>,
     /// Largest relative loss of conductance.
     pub largest_loss: Option<f64>,
-    /// Whether that is more than `noise`; `None` if the noise is unknown.
+    /// Whether the largest loss is more than `noise`; `None` if the noise is unknown.
     pub significant: Option<bool>,
     /// The largest loss by noise alone.
     pub noise: Option<f64>,
-    /// Of the map as it is drawn and written: `kPa` with a calibration.
+    /// Unit of the map as drawn and written: `kPa` with a calibration.
     pub unit: Option<&'static str>,
     /// Total load, N.
     pub newtons: Option<f64>,
     /// Largest pressure, kPa.
     pub largest_kpa: Option<f64>,
-    /// Number of readings left out.
+    /// Number of readings that were not used.
     pub masked: Option<usize>,
-    /// Evidence by which the method chose among kinds of maps.
+    /// The evidence by which the method chose the kind of map.
     pub evidence: Option<&'a Evidence>,
     /// Summary of the map's standard deviations, if requested.
     pub map_sd: Option<DeviationSummary>,
-    /// How far the map can be believed.
+    /// Whether the map can be relied on.
     pub quality: Option<&'a MapQuality>,
-    /// What the tracked baseline says of the frame.
+    /// Result of the tracked baseline for the frame.
     pub tracked: Option<&'a Tracked>,
     /// Why the frame has no map.
     pub no_map: Option<&'a str>,
 }
 
-/// The frames of a run that have no map.
+/// Count of the frames without a map.
 #[derive(Debug, Default)]
 pub struct WithoutMap {
     frames: usize,
@@ -197,7 +199,8 @@ impl WithoutMap {
         self.without > 0 && self.without == self.frames
     }
 
-    /// How many there are, and why the first one has none; `None` where every frame has a map.
+    /// A sentence with the number of frames without a map and the reason for the first; `None` if every frame has a
+    /// map.
     pub fn text(&self) -> Option<String> {
         let (first, without, frames) = (self.first.as_ref()?, self.without, self.frames);
         Some(match self.is_all() {
@@ -214,7 +217,7 @@ impl<'a> MapRow<'a> {
     pub fn text(&self) -> String {
         let time = self.time.map(table_time).unwrap_or_default();
         let frame = format!("{},{},{time}", self.frame, self.label);
-        // sentences contain commas
+        // sentences contain commas, which separate the fields
         let field = |text: &str| text.replace([',', '\n', '\r'], "");
         let found = match &self.map {
             Ok(found) => found,
@@ -268,8 +271,8 @@ impl<'a> MapRow<'a> {
         }
     }
 
-    /// The values of a map of so many triangles: kPa with a calibration, otherwise relative changes of conductance; NaN without
-    /// a map.
+    /// The values of the map, one for each of `triangles`: kPa with a calibration, otherwise relative changes of
+    /// conductance; NaN without a map.
     pub fn values(&self, triangles: usize) -> Cow<'a, [f64]> {
         match &self.map {
             Ok(found) => Cow::Borrowed(found.values()),

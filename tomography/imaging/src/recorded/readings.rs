@@ -13,7 +13,7 @@ use crate::noise::{Noise, rms};
 pub type LabelledReadings = (String, Vec<Reading>);
 
 /// Reads a table of frames with the given number of readings. `negate` inverts every sign, for instruments that give
-/// magnitudes. Fields that are blank, not finite or an overload count as not measured.
+/// magnitudes. Blank fields, fields that are not finite and overloads are read as not measured.
 ///
 /// # Errors
 /// [`RecordedError::Frames`], naming the line.
@@ -97,7 +97,7 @@ pub struct Unloaded {
 }
 
 impl Unloaded {
-    /// The mean of these frames; a reading valid in none keeps the flag of the last.
+    /// The mean of these frames. A reading that is valid in no frame has the flag of the last frame.
     pub fn mean(frames: &[&[Reading]]) -> Self {
         let (readings, deviations) = survey::mean_of(frames);
         Self {
@@ -108,8 +108,9 @@ impl Unloaded {
 }
 
 impl Unloaded {
-    /// Standard deviation of one reading, in the unit of the readings: as the frames of the baseline show it, otherwise as it is
-    /// stated. `None` if it could only be assumed: that has no significance for a map.
+    /// Standard deviation of one reading, in the unit of the readings: as measured from the frames of the baseline,
+    /// otherwise as stated. `None` if it could only be assumed, because an assumed noise gives no significance
+    /// threshold.
     pub fn known_noise(&self, stated: Option<f64>) -> Option<f64> {
         Noise::of_baseline(self.noise, &self.readings)
             .and_then(Noise::measured)

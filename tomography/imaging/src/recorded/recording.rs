@@ -30,19 +30,20 @@ pub struct RecordedFrame {
 }
 
 impl RecordedFrame {
-    /// Its time, s of the Unix epoch; where it has none, its number times the time from one frame to the next, if that is known.
+    /// Time of the frame, s since the Unix epoch. Without a recorded time: its number times `period_s`; `None` if that
+    /// is unknown too.
     pub fn time_s(&self, period_s: Option<f64>) -> Option<f64> {
         let counted = || period_s.map(|period_s| period_s * self.sequence as f64);
         self.wall.map(seconds).or_else(counted)
     }
 }
 
-/// Origin of a recording, which also determines its mesh.
+/// Origin of a recording; it also determines the mesh.
 #[derive(Debug, Clone)]
 pub enum Origin {
     /// A case folder, possibly with a mesh.
     Folder(PathBuf),
-    /// A session: its configuration names the geometry.
+    /// A session, whose configuration names the geometry.
     Session(Box<SessionHeader>),
 }
 
@@ -67,20 +68,21 @@ pub struct Recording {
     pub unloaded: Unloaded,
     /// Description of the frames averaged for the baseline, or the id of the session's own.
     pub baseline_name: String,
-    /// Time of the session's own baseline; `None` if another baseline was named, and for a folder.
+    /// Time of the session's own baseline; `None` if another baseline is used, and for a folder.
     pub baseline_at: Option<DateTime<Utc>>,
-    /// Noise of one reading from the session's own baseline, V, which the daemon used if the configuration states none; `None` as above.
+    /// Noise of one reading from the session's own baseline, V, which the daemon used if the configuration states none.
+    /// `None` if another baseline is used, and for a folder.
     pub baseline_noise_v: Option<f64>,
     /// Current of the frames.
     pub current: Amps,
-    /// `None` if unknown.
+    /// Whether the voltages are simulated; `None` if unknown.
     pub simulated: Option<bool>,
     /// Its origin.
     pub origin: Origin,
 }
 
 impl Recording {
-    /// Reads the frames of a case folder. `electrodes` is their number if the protocol does not state it.
+    /// Reads the frames of a case folder. `electrodes`: number of electrodes, used if the protocol does not state it.
     ///
     /// # Errors
     /// A protocol, table or baseline that cannot be read.
@@ -217,11 +219,11 @@ impl Recording {
         Ok(self.len()? == 0)
     }
 
-    /// The tracked baseline with which a session began; `None` if it began with the baseline itself, or another baseline is
-    /// used.
+    /// The state of the tracked baseline at the start of a session; `None` if the session began with the baseline
+    /// itself, or another baseline is used.
     ///
     /// # Errors
-    /// A state that is damaged.
+    /// A state that cannot be read or is damaged.
     pub fn tracking(&self) -> Result<Option<TrackingState>, RecordedError> {
         let (Origin::Session(header), Some(_)) = (&self.origin, self.baseline_at) else {
             return Ok(None);
@@ -245,10 +247,10 @@ impl Recording {
         }
     }
 
-    /// The orders of people to the tracked baseline of a session; a table has none.
+    /// The orders that users gave to the tracked baseline of a session; a table has none.
     ///
     /// # Errors
-    /// A part that cannot be read, or an order that this version does not know.
+    /// A part that cannot be read, or an order that this version does not support.
     pub fn orders(&self) -> Result<Orders, LogbookError> {
         Orders::recorded(&self.events()?, Path::new(&self.name), 0)
     }
@@ -269,7 +271,7 @@ impl Recording {
         self.frames().find_map(Result::ok)?.wall
     }
 
-    /// Its frames in order, with an error for each unreadable one.
+    /// The frames in order, with an error for each unreadable one.
     pub fn frames(&self) -> Box<dyn Iterator<Item = Result<RecordedFrame, LogbookError>> + '_> {
         self.frames_from(0)
     }
@@ -288,7 +290,8 @@ impl Recording {
         }
     }
 
-    /// The last readable frame up to a time; the first one where all are later, `None` without frames or times.
+    /// The last readable frame that was taken at or before a time, or the first frame if all are later. `None` without
+    /// frames or times.
     ///
     /// # Errors
     /// A part that cannot be read.
@@ -356,7 +359,7 @@ fn of_record(record: Record, negate: bool) -> RecordedFrame {
 /// The current of all readings, A.
 ///
 /// # Errors
-/// [`RecordedError::Currents`], with the `file` of the currents, where readings have several.
+/// [`RecordedError::Currents`], with the `file` of the currents, if readings have different currents.
 pub fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, RecordedError> {
     let current = currents.first().copied().unwrap_or(1.0);
     if currents.iter().any(|other| *other != current) {

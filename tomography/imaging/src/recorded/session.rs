@@ -10,7 +10,7 @@ use survey::Baseline;
 pub struct SessionParts(Vec<SessionReader>);
 
 impl SessionParts {
-    /// Opens a session from its first part with all that follow, or a later part alone.
+    /// Opens a session: from its first part with all later parts, or a later part alone.
     ///
     /// # Errors
     /// A part that cannot be read.
@@ -21,7 +21,7 @@ impl SessionParts {
             let named = path.file_name();
             for other in all.iter().filter(|other| other.file_name() != named) {
                 match SessionReader::open(other) {
-                    // a part whose creation was interrupted: it never contained frames
+                    // the creation of this part was interrupted; it never contained frames
                     Err(LogbookError::NotASession { .. }) => {}
                     part => parts.push(part?),
                 }
@@ -82,8 +82,8 @@ impl SessionParts {
         Ok(self.len()? == 0)
     }
 
-    /// Sequence number of the last frame in [`SessionParts::frames`], which a later part without frames, or one whose earlier
-    /// part is gone, does not change; one less than the first's if there are none.
+    /// Sequence number of the last frame in [`SessionParts::frames`], also if the last part has no frames or a part
+    /// before it is missing. One less than the first sequence number if there are no frames.
     ///
     /// # Errors
     /// A part that cannot be read.
@@ -102,7 +102,7 @@ impl SessionParts {
     /// The last frame; `None` if there are none.
     ///
     /// # Errors
-    /// A part that cannot be read, or that frame is damaged.
+    /// A part cannot be read, or the frame is damaged.
     pub fn last(&self) -> Result<Option<Record>, LogbookError> {
         let last = self.last_sequence()?;
         match last < self.header().first_sequence {
@@ -132,7 +132,7 @@ impl SessionParts {
         self.with_next()
             .filter(reaches)
             .flat_map(move |(part, next)| {
-                // frames after the start of the next part were written again there
+                // frames from the first sequence number of the next part on were written again to that part
                 let own = move |record: &Result<Record, LogbookError>| match (record, next) {
                     (Ok(record), Some(next)) => record.frame.sequence < next,
                     _ => true,

@@ -1,4 +1,4 @@
-//! The state of a tracked baseline as it is kept beside the sessions, and what people want to know of it.
+//! The state of a tracked baseline, stored next to the sessions, and its summary for users.
 
 use chrono::{DateTime, Utc};
 use std::path::Path;
@@ -11,7 +11,8 @@ use survey::Electrode;
 
 use super::{TrackingState, numbers};
 
-/// What is kept of this baseline ([`KeptTracking`]), or what this session began with ([`TrackingState`]); `None` if nothing is.
+/// Reads the stored state of a baseline ([`KeptTracking`]), or the state with which a session began
+/// ([`TrackingState`]); `None` if none is stored.
 ///
 /// # Errors
 /// A file that cannot be read or is damaged.
@@ -19,15 +20,15 @@ pub fn kept<T: DeserializeOwned>(folder: &Path, id: &str) -> Result<Option<T>, L
     kept_as(folder, id, StateKind::Tracking)
 }
 
-/// Keeps it, in place of what was kept before.
+/// Stores the state of a baseline or session, in place of an earlier one.
 ///
 /// # Errors
-/// A disk error; what was kept before is still there.
+/// A disk error; the earlier state remains.
 pub fn keep(folder: &Path, id: &str, what: &impl Serialize) -> Result<(), LogbookError> {
     keep_as(folder, id, StateKind::Tracking, what)
 }
 
-/// A state of this kind from its JSON.
+/// Reads a state of this kind from JSON; `None` if none is stored.
 pub(crate) fn kept_as<T: DeserializeOwned>(
     folder: &Path,
     id: &str,
@@ -45,19 +46,19 @@ pub(crate) fn kept_as<T: DeserializeOwned>(
         })
 }
 
-/// Keeps a state of this kind as JSON.
+/// Stores a state of this kind as JSON.
 pub(crate) fn keep_as(
     folder: &Path,
     id: &str,
     kind: StateKind,
     what: &impl Serialize,
 ) -> Result<(), LogbookError> {
-    // numbers and words: they have a text
+    // a struct of numbers and strings can always be serialised
     let text = serde_json::to_string(what).unwrap_or_default();
     logbook::keep_state(folder, id, kind, &text)
 }
 
-/// A baseline as it was followed to a frame.
+/// The state of a tracked baseline after a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeptTracking {
@@ -65,14 +66,14 @@ pub struct KeptTracking {
     pub session: String,
     /// The frame.
     pub sequence: u64,
-    /// The state after it.
+    /// The state after that frame.
     pub state: TrackingState,
-    /// The drift since the baseline by kind, for people; `None` where it could not be computed.
+    /// The drift since the baseline by kind, for display; `None` if it could not be computed.
     #[serde(default)]
     pub drift: Option<DriftSummary>,
 }
 
-/// The drift since the baseline by kind: the most probable parts of what was tracked.
+/// The drift since the baseline by kind: the most probable decomposition of the tracked drift.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DriftSummary {
     /// Change of the gain, %.
@@ -87,7 +88,7 @@ pub struct DriftSummary {
     pub field_percent: f64,
     /// The largest local change of conductance, %.
     pub local_percent: f64,
-    /// Where, mm.
+    /// Position of that change, x and y, mm.
     pub local_at_mm: [f64; 2],
     /// Change of the readings by the gain, rms, uV.
     pub gain_uv: f64,
@@ -124,36 +125,36 @@ impl DriftSummary {
     }
 }
 
-/// A tracked baseline in a few values.
+/// Summary of a tracked baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrackingSummary {
-    /// The last session in which it was followed.
+    /// The last session in which it was tracked.
     pub session: String,
-    /// Sequence of the last frame that was followed.
+    /// Sequence number of the last tracked frame.
     pub sequence: u64,
-    /// Since when it is tracked.
+    /// Start of tracking.
     pub since: DateTime<Utc>,
-    /// Time of the frame.
+    /// Time of that frame.
     pub until: DateTime<Utc>,
     /// When the sheet was last empty.
     pub empty: DateTime<Utc>,
-    /// Loads that lie on the sheet.
+    /// Number of loads on the sheet.
     pub loads: usize,
-    /// Faulty electrodes that are left out, from 1.
+    /// Faulty electrodes whose readings are not used, counted from 1.
     pub masked: Vec<usize>,
     /// Change of the readings since the baseline, rms, uV.
     pub change_uv: f64,
     /// Standard deviation of the tracked baseline, rms, uV.
     pub baseline_sd_uv: f64,
-    /// Pace of the drift relative to the built-in rates.
+    /// Rate of the drift relative to the built-in rates.
     pub pace: f64,
-    /// The drift by kind; `None` where it could not be computed, or by an older version.
+    /// The drift by kind; `None` if it could not be computed, or if an older version stored the state.
     #[serde(default)]
     pub drift: Option<DriftSummary>,
 }
 
 impl KeptTracking {
-    /// In a few values; `None` for times that are no date.
+    /// The summary; `None` if a time is out of the range of dates.
     pub fn summary(&self) -> Option<TrackingSummary> {
         let tracker = &self.state.tracker;
         let date = |seconds: f64| DateTime::from_timestamp_micros((1e6 * seconds).round() as i64);

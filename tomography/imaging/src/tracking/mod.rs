@@ -1,5 +1,5 @@
-//! Maps against a baseline that tracks the drift of the sheet: drift is removed before the map is made, faulty electrodes are left
-//! out, and each frame states whether its map can be relied on, and why not.
+//! The tracked baseline: it follows the drift of the sheet, so that maps are free of drift. Readings of faulty
+//! electrodes are not used, and each frame reports whether its map can be relied on, or why not.
 
 mod kept;
 mod moving;
@@ -27,16 +27,16 @@ pub use orders::{ORDERED, Orders, RecordedOrder};
 pub(crate) use tracked::principal_axes;
 pub use tracked::{Doubtful, PlaceRegion, Tracked};
 
-/// Thermal voltage of a sensing pair that is assumed, V: copper against carbon at some tenths of a degree.
+/// Assumed thermal voltage of a sensing pair, V: copper against carbon at some tenths of a degree.
 const EMF_V: f64 = 0.9e-6;
 
-/// The time of a frame as [`Tracking`] takes it, s: to the microsecond, as sessions keep it.
+/// The time of a frame for [`Tracking`], s since the Unix epoch, in whole microseconds like the times of a session.
 pub fn seconds(wall: chrono::DateTime<chrono::Utc>) -> f64 {
     1e-6 * wall.timestamp_micros() as f64
 }
 
-/// The sheet behind a baseline: gain, contacts and uneven conductance that explain it. `noise_v`: standard deviation of a reading
-/// of the baseline, V, where it may be more than the errors that the fit assumes; otherwise 0.
+/// Fits gain, contacts and uneven conductance of the sheet to a baseline. `noise_v`: standard deviation of a reading of
+/// the baseline, V, if it may exceed the errors that the fit assumes; otherwise 0.
 ///
 /// # Errors
 /// A baseline with missing readings, or a sheet that cannot be solved.
@@ -58,8 +58,8 @@ pub fn sheet_fit(
     )
 }
 
-/// The sheet behind a baseline with the covariance of its drift; `noise_v`: standard deviation of one reading, in the unit of
-/// the baseline.
+/// The sheet fitted to a baseline, with the covariance of its drift. `noise_v`: standard deviation of one reading, in
+/// the unit of the baseline.
 pub(crate) fn drift_model(
     conditions: &Conditions<'_>,
     baseline: &[Reading],
@@ -87,7 +87,7 @@ fn options(conditions: &Conditions<'_>) -> FitOptions {
     }
 }
 
-/// Electrodes as people count them, from 1.
+/// Electrode numbers, from 1.
 fn numbers(electrodes: &[usize]) -> Vec<usize> {
     electrodes
         .iter()
@@ -95,23 +95,23 @@ fn numbers(electrodes: &[usize]) -> Vec<usize> {
         .collect()
 }
 
-/// Follows one sheet through a series of frames, from its first baseline on.
+/// Tracks the drift of one sheet through a series of frames, from its first baseline on.
 #[derive(Clone)]
 pub struct Tracking {
     tracker: Tracker,
     began_s: f64,
     alarm: Option<AnchorAlarm>,
-    /// What the map of the last frame was compared with, where the tracked baseline lacks something.
+    /// Baseline of the last frame's map, if it differs from the tracked baseline (see [`TrackedFrame::baseline`]).
     with_unlearnt: Option<Vec<Reading>>,
 }
 
-/// What [`Tracking`] remembers: stored with a session, and restored to the same bits.
+/// The state of [`Tracking`]: stored with a session, and restored to the same bits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrackingState {
     /// Time of the first baseline, s.
     began_s: f64,
-    /// The slow change that the last comparison with baselines of the past showed.
+    /// The slow change found by the last comparison with earlier baselines.
     alarm: Option<AnchorAlarm>,
     tracker: TrackerState,
 }
@@ -119,16 +119,17 @@ pub struct TrackingState {
 /// A frame with the baseline to compare it with.
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
-    /// Baseline of its map: the first baseline plus the tracked drift. What the tracked baseline lacks is added as it is most probable: the
-    /// drift since a load was placed long ago, and what lost contacts change in the readings of others.
+    /// Baseline of its map: the first baseline plus the tracked drift. The most probable value of changes that the
+    /// tracked baseline does not contain is added: the drift since a load was placed long ago, and the effect of lost
+    /// contacts on readings of other electrodes.
     pub baseline: Vec<Reading>,
     /// The first baseline plus the tracked drift alone; constant while a load is on the sheet.
     pub tracked_baseline: Vec<Reading>,
     /// The frame without the readings of faulty electrodes.
     pub readings: Vec<Reading>,
-    /// What is known of the frame.
+    /// Result for the frame.
     pub tracked: Tracked,
-    /// Orders of a person that were carried out with it.
+    /// Orders of users that were carried out with this frame.
     pub orders: Vec<TrackingOrder>,
 }
 
@@ -153,7 +154,7 @@ impl Tracking {
         })
     }
 
-    /// Goes on from a stored state of the same sheet: later answers have the same bits as without the interruption.
+    /// Continues from a stored state of the same sheet: later results have the same bits as without the interruption.
     ///
     /// # Errors
     /// A state of another mesh, baseline or build.
@@ -178,12 +179,12 @@ impl Tracking {
         self.tracker.model()
     }
 
-    /// Takes an order of a person for the next frame that can be judged.
+    /// Accepts an order of a user; it is carried out with the next frame that can be judged.
     pub fn order(&mut self, order: TrackingOrder) {
         self.tracker.order(order);
     }
 
-    /// The drift since the first baseline, as it is tracked now, by kind.
+    /// The tracked drift since the first baseline, by kind.
     ///
     /// # Errors
     /// A covariance that cannot be factored.
@@ -200,7 +201,7 @@ impl Tracking {
     /// an error: its [`Tracked::known`] is false.
     pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
         let mut followed = self.judge(frame, at_s)?;
-        // a frame that gives no estimate is compared as it was tracked: what was learnt from it is kept all the same
+        // without an estimate the frame is compared with the tracked baseline, which keeps the update by this frame
         if let Ok(Some(unlearnt)) = self.tracker.unlearnt() {
             let change = self.tracker.baseline() + unlearnt;
             followed.baseline = self.model().baseline_with(&change);
@@ -209,7 +210,8 @@ impl Tracking {
         Ok(followed)
     }
 
-    /// Like [`Tracking::follow`], for a frame without a map: skips the estimate of what the tracked baseline lacks.
+    /// Like [`Tracking::follow`], for a frame without a map: skips the estimate of changes that the tracked baseline
+    /// does not contain.
     ///
     /// # Errors
     /// As [`Tracking::follow`].
@@ -240,8 +242,8 @@ impl Tracking {
         })
     }
 
-    /// Returns the present tracked baseline, and the frame without the readings of faulty electrodes. The frame should be close in time
-    /// to the last one that was followed; it does not change the tracked baseline and is not judged.
+    /// Returns the present tracked baseline, and the frame without the readings of faulty electrodes. The frame should
+    /// be close in time to the last tracked one. It does not change the tracked baseline and is not judged.
     pub fn compare(&self, frame: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
         let masked = self.tracker.state().masked();
         let baseline = self.with_unlearnt.clone();
@@ -249,8 +251,8 @@ impl Tracking {
         (baseline, self.without(frame, &masked))
     }
 
-    /// Standard deviation of the change of ln conductance of each triangle of the mesh's region, for the last frame that was followed;
-    /// NaN for triangles that the frame does not determine. From the linear model, whatever the method.
+    /// Standard deviation of the change of ln conductance of each triangle of the mesh's region, for the last tracked
+    /// frame; NaN for triangles that the frame does not determine. Computed with the linear model, whatever the method.
     ///
     /// # Errors
     /// The frame was not judged, or a covariance that cannot be factored.
@@ -260,7 +262,7 @@ impl Tracking {
         Ok(of_region.map(|&triangle| whole[triangle]).collect())
     }
 
-    /// The first baseline with the drift that was tracked since.
+    /// The first baseline plus the tracked drift.
     fn baseline(&self) -> Vec<Reading> {
         self.model().baseline_with(&self.tracker.baseline())
     }
@@ -273,7 +275,7 @@ impl Tracking {
         self.learn(frame, at_s).map(drop)
     }
 
-    /// What the tracker says of a frame; `None` if it has too few readings.
+    /// Updates the tracker with a frame; `None` if the frame has too few readings.
     fn learn(&mut self, frame: &[Reading], at_s: f64) -> Result<Option<Answer>, DriftError> {
         self.with_unlearnt = None;
         match self.tracker.follow(frame, at_s) {
@@ -282,7 +284,7 @@ impl Tracking {
                     self.began_s = self.began_s.min(at_s);
                 }
                 if !answer.orders.is_empty() {
-                    // each of them answers whether a slow change is a load or age
+                    // each order decides whether a slow change is a load or ageing
                     self.alarm = None;
                 }
                 if answer.compared {
@@ -295,7 +297,7 @@ impl Tracking {
         }
     }
 
-    /// The load that lies on the sheet, where it is one: the disc that explains it best, and its place.
+    /// The load on the sheet, if there is exactly one: the disc that fits it best, and the fit of its position.
     fn load(&self, answer: &Answer) -> Result<Option<[DiscFit; 2]>, DriftError> {
         if answer.judgement != Judgement::Loaded || answer.loads != 1 {
             return Ok(None);
@@ -307,7 +309,7 @@ impl Tracking {
             Some(event) => event.fit.clone(),
             None => white.fit_disc(self.model())?,
         };
-        // what a person said to lie there may be too little to be seen
+        // a load declared by a user may be too small to be detected
         if answer.held && came.is_none() && !disc.is_load() {
             return Ok(None);
         }

@@ -1,4 +1,4 @@
-//! The load after every injection, while its frame is measured: where it is now, and how fast it moves.
+//! Position and velocity of a load after every injection, while the frame is still being measured.
 
 use std::fmt;
 
@@ -9,10 +9,10 @@ use survey::Dipole;
 use super::Tracking;
 use super::tracked::{MOST_PLACE_SD_M, REGION_95, principal_axes};
 
-/// Time between two injections within which a load keeps its path, s.
+/// Longest pause between two injections of one path, s.
 const PAUSE_S: f64 = 2.0;
 
-/// The last injections that one path may explain, oldest first.
+/// The last injections, oldest first, to which one path of a load is fitted.
 #[derive(Debug, Default)]
 pub struct InjectionWindow {
     injections: Vec<Injection>,
@@ -20,7 +20,7 @@ pub struct InjectionWindow {
 }
 
 impl InjectionWindow {
-    /// Adds an injection that lasted so long, s; its time is that of its middle, on a clock that never goes back.
+    /// Adds an injection of duration `lasted_s`, s. Its time is that of its middle, by a monotonic clock.
     pub fn push(&mut self, injection: Injection, lasted_s: f64) {
         let began_s = injection.at_s - 0.5 * lasted_s;
         if began_s - self.ended_s > PAUSE_S {
@@ -33,35 +33,35 @@ impl InjectionWindow {
         self.injections.push(injection);
     }
 
-    /// Forgets all: the readings are not to be believed.
+    /// Discards all injections, if their readings cannot be relied on.
     pub fn clear(&mut self) {
         self.injections.clear();
     }
 }
 
-/// What is known after an injection.
+/// Result after an injection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AfterInjection {
     /// The electrodes between which the current flowed, counted from 1.
     pub electrodes: [usize; 2],
-    /// Injections that were used.
+    /// Number of injections used.
     pub injections: usize,
-    /// Whether the answer can be relied on.
+    /// Whether the result can be relied on.
     pub known: bool,
-    /// Why not, and what ends it.
+    /// Why the result cannot be relied on, and what to do about it; `None` if it can.
     pub text: Option<String>,
-    /// The load; `None` where the readings agree with an empty sheet.
+    /// The load; `None` if the readings agree with an empty sheet.
     pub load: Option<MovingPlace>,
 }
 
-/// Where a load is, and how it moves.
+/// Position and movement of a load.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MovingPlace {
-    /// Centre in the middle of the injection, mm.
+    /// Centre at the middle of the injection, mm.
     pub centre_mm: [f64; 2],
-    /// Half axes of the ellipse that contains the centre with 95 %, mm, the longer first.
+    /// Half axes of the 95 % ellipse of the centre, mm, the longer first.
     pub half_axes_mm: [f64; 2],
-    /// Angle of the longer one from the x axis, degrees, counter-clockwise.
+    /// Angle of the longer half axis from the x axis, degrees, counter-clockwise.
     pub angle_deg: f64,
     /// Velocity, mm/s.
     pub velocity_mm_s: [f64; 2],
@@ -91,7 +91,8 @@ impl MovingPlace {
 }
 
 impl Tracking {
-    /// What is known after the last injection, at `at_s` (s, on the clock of the frames), and the disc that lies there. Nothing is learnt from it: the whole frame follows.
+    /// The result after the last injection, at `at_s` (s, on the clock of the frames), and the disc of the load. The
+    /// tracked baseline is not updated; the complete frame does that.
     ///
     /// # Errors
     /// A covariance that cannot be factored, or a reading that the protocol does not have.

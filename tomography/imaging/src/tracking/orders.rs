@@ -1,5 +1,5 @@
-//! Orders of a person to the tracked baseline, as events of a session: recorded before they take effect, and carried out by
-//! replay at the same frames.
+//! Orders of users to the tracked baseline, stored as events of a session: recorded before they take effect, and
+//! carried out by replay at the same frames.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -8,17 +8,17 @@ use std::path::Path;
 use drift::TrackingOrder;
 use logbook::{Event, LogbookError};
 
-/// Kind of the events.
+/// The kind of these events.
 pub const ORDERED: &str = "tracking-ordered";
 
-/// An order, as the text of its event says it.
+/// An order as stored in the text of its event.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordedOrder {
     /// The order.
     pub order: TrackingOrder,
-    /// Number of the first frame that it is for.
+    /// Number of the first frame to which it applies.
     pub from: u64,
-    /// Who gave it.
+    /// The user who gave it.
     pub by: String,
 }
 
@@ -30,7 +30,7 @@ impl fmt::Display for RecordedOrder {
 }
 
 impl RecordedOrder {
-    /// The order of such a text.
+    /// Parses the text of an event; `None` if it is not an order.
     pub fn parse(text: &str) -> Option<Self> {
         let (name, rest) = text.split_once(", from frame ")?;
         let (from, by) = rest.split_once(" on, by ")?;
@@ -47,10 +47,10 @@ impl RecordedOrder {
 pub struct Orders(VecDeque<RecordedOrder>);
 
 impl Orders {
-    /// Of a session's events, those for frames after this one.
+    /// The orders among a session's events for frames after `after`.
     ///
     /// # Errors
-    /// An event whose text is no order, as of a newer version.
+    /// An event whose text is not an order, for example that of a newer version.
     pub fn recorded(events: &[Event], path: &Path, after: u64) -> Result<Self, LogbookError> {
         let of_kind = events.iter().filter(|event| event.kind == ORDERED);
         let orders = of_kind.map(|event| {
@@ -69,7 +69,7 @@ impl Orders {
         Ok(Self(later.collect()))
     }
 
-    /// Takes the orders that are for this frame, or for one before it that was not followed.
+    /// Removes and returns the orders for this frame and for earlier frames that were not tracked.
     pub fn due(&mut self, sequence: u64) -> Vec<TrackingOrder> {
         let due = self.0.iter().take_while(|order| order.from <= sequence);
         let count = due.count();

@@ -51,7 +51,8 @@ fn faulty_electrode_is_left_out_where_readings_are_missing() {
         .map(|row| pairs.readings(row)[0])
         .filter(|reading| !uses(*reading))
         .collect();
-    // with the pairs of the electrode fewer than half are left, or without them
+    // fewer than half of the pairs are left: in the first case only because those of the faulty electrode are excluded,
+    // in the second case with them too
     for (missing, text) in [(120, "faulty electrodes (6)"), (160, "were measured")] {
         let mut frame = frame.clone();
         for &reading in &others[..missing] {

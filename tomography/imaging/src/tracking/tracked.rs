@@ -1,4 +1,5 @@
-//! What is known of a frame: empty or loaded, where and how exactly, and why something cannot be known.
+//! The result of the tracked baseline for a frame: empty or loaded, position and uncertainty of the load, or the reason
+//! why these are unknown.
 
 use std::fmt;
 
@@ -8,51 +9,52 @@ use survey::Electrode;
 
 use super::numbers;
 
-/// Standard deviation of a place beyond which it is not known, m.
+/// A position with a larger standard deviation counts as unknown, m.
 pub(super) const MOST_PLACE_SD_M: f64 = 2e-3;
-/// Age of a baseline that must have been followed by an empty frame, s.
+/// From this age of the baseline on, s, at least one frame since the baseline must have been empty.
 const EMPTY_WITHIN_S: f64 = 3600.0;
-/// Square root of the 95 % quantile of chi squared with two degrees of freedom, and of one.
+/// Square root of the 95 % quantile of chi squared with two degrees of freedom.
 pub(super) const REGION_95: f64 = 2.447_746_830_680_816;
+/// Square root of the 95 % quantile of chi squared with one degree of freedom.
 const INTERVAL_95: f64 = 1.959_963_984_540_054;
-/// What ends a doubt that an empty frame would end.
+/// Advice for a doubt that ends with an empty frame.
 const TAKE_OFF: &str = "remove everything from the sheet for a few frames, or, if it is empty, run `tactus baseline empty-now`";
 
-/// What the tracked baseline says of a frame.
+/// Result of the tracked baseline for a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tracked {
     /// Empty, loaded or unknown.
     pub judgement: Judgement,
-    /// Whether the map and the place can be relied on.
+    /// Whether the map and the position can be relied on.
     pub known: bool,
-    /// Why not.
+    /// Why they cannot be relied on; `None` if they can.
     pub reason: Option<Doubtful>,
-    /// The reason as a sentence, with what ends it.
+    /// The reason as a sentence, with the remedy.
     pub text: Option<String>,
-    /// The place of the load, where one lies on the sheet.
+    /// Position of the load, if exactly one is on the sheet.
     pub place: Option<PlaceRegion>,
-    /// Loads that lie on the sheet.
+    /// Number of loads on the sheet.
     pub loads: usize,
-    /// Whether the sheet counts as loaded because a person said so, until `tactus baseline empty-now`.
+    /// Whether the sheet counts as loaded because a user declared it loaded; ended by `tactus baseline empty-now`.
     #[serde(default)]
     pub held: bool,
-    /// Whether a load came (true) or went (false) with this frame.
+    /// Whether a load was placed (true) or removed (false) with this frame; `None` if neither.
     pub came: Option<bool>,
-    /// Faulty electrodes that are left out, counted from 1.
+    /// Faulty electrodes whose readings are not used, counted from 1.
     pub masked: Vec<usize>,
-    /// The fault that this frame shows.
+    /// The electrode fault detected in this frame, as a sentence.
     pub fault: Option<String>,
-    /// A place that changed slowly, as a sentence: a load there, or age.
+    /// A sentence about a place where conductance changed slowly, by a load or by ageing.
     pub slow_change: Option<String>,
-    /// Seconds since the last frame without load.
+    /// Time since the last frame without load, s.
     pub since_empty_s: f64,
-    /// Pace of the drift relative to the built-in rates.
+    /// Rate of the drift relative to the built-in rates.
     pub pace: f64,
     /// Standard deviation of the tracked baseline, rms over the readings, uV.
     pub baseline_sd_uv: f64,
 }
 
-/// Why a frame is not known.
+/// Why the result of a frame is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Doubtful {
@@ -60,20 +62,20 @@ pub enum Doubtful {
     TooManyElectrodes,
     /// Too few readings were measured.
     TooFewReadings,
-    /// The sheet was not empty for so long that the place is uncertain by more than 2 mm.
+    /// The sheet has not been empty for so long that the standard deviation of the position is more than 2 mm.
     NotEmptyForLong,
     /// The load changed while the frame was measured.
     ChangedWithinFrame,
-    /// The sheet was never empty since the baseline.
+    /// The sheet has not been empty since the baseline.
     NeverEmpty,
-    /// The load lies where conductance changed slowly: how much of it is load cannot be known.
+    /// The load is at a place where conductance changed slowly; load and ageing cannot be distinguished.
     SlowChange,
-    /// A person said that something lies on the sheet, and the readings do not show where.
+    /// A user declared the sheet loaded, and the readings do not show where.
     DeclaredLoaded,
 }
 
 impl Doubtful {
-    /// A few words, for a picture.
+    /// A short text for a picture.
     pub fn words(self) -> &'static str {
         match self {
             Self::TooManyElectrodes => "too many faulty electrodes",
@@ -87,21 +89,23 @@ impl Doubtful {
     }
 }
 
-/// Where a load lies: 95 % region and interval.
+/// Position and size of a load: 95 % region and 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaceRegion {
     /// Centre, mm.
     pub centre_mm: [f64; 2],
-    /// Half axes of the ellipse that contains the centre with 95 %, mm, the longer first.
+    /// Half axes of the 95 % ellipse of the centre, mm, the longer first.
     pub half_axes_mm: [f64; 2],
-    /// Angle of the longer one from the x axis, degrees, counter-clockwise.
+    /// Angle of the longer half axis from the x axis, degrees, counter-clockwise.
     pub angle_deg: f64,
-    /// Lost conductance times area, mm2: integral of 2 l / (2 - l) of the relative loss l, which readings determine better than l.
+    /// Lost conductance times area, mm2: the integral of 2 l / (2 - l) over the area, l being the relative loss.
+    /// Readings determine this integral better than l.
     pub loss_mm2: f64,
-    /// Its 95 % interval, mm2.
+    /// 95 % interval of `loss_mm2`, mm2.
     pub loss_interval_mm2: [f64; 2],
-    /// Whether a disc or an ellipse explains the readings, so that region and interval hold. If none does, the region is as wide as the
-    /// errors were for loads of other shapes; it does not hold where the sheet changed in a way that was not assumed.
+    /// Whether a disc or an ellipse explains the readings, so that region and interval are valid. If not, the region is
+    /// as wide as the errors found for loads of other shapes; it is not valid if the sheet changed in a way that the
+    /// model does not contain.
     pub accepted: bool,
 }
 
@@ -121,8 +125,8 @@ impl PlaceRegion {
     }
 }
 
-/// Standard deviations of a place along its two principal axes, the larger first, and the angle of that axis from the x axis,
-/// degrees, counter-clockwise.
+/// Standard deviations along the two principal axes of a covariance, the larger first, and the angle of the axis of the
+/// larger one from the x axis, degrees, counter-clockwise.
 pub(crate) fn principal_axes([[xx, xy], [_, yy]]: [[f64; 2]; 2]) -> ([f64; 2], f64) {
     let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
     let deviation = |variance: f64| variance.max(0.0).sqrt();
@@ -134,7 +138,8 @@ pub(crate) fn principal_axes([[xx, xy], [_, yy]]: [[f64; 2]; 2]) -> ([f64; 2], f
 }
 
 impl Tracked {
-    /// `load`: its disc, and its place as it is stated. `alarm`: the last one; the times of the first baseline and of the frame, s.
+    /// `load`: the disc fitted to the load, and the fit of its position. `alarm`: the last alarm. `began_s`, `at_s`:
+    /// times of the first baseline and of the frame, s.
     pub(super) fn new(
         answer: &Answer,
         load: Option<&[DiscFit; 2]>,
@@ -162,7 +167,7 @@ impl Tracked {
         }
     }
 
-    /// What is known from the frames before, where this one has too few readings for an answer.
+    /// The result for a frame with too few readings, from the state after earlier frames.
     pub(super) fn unanswered(state: &TrackerState, at_s: f64) -> Self {
         Self {
             judgement: Judgement::Unknown,
@@ -185,7 +190,7 @@ impl Tracked {
     }
 }
 
-/// The first reason not to rely on a frame, as a sentence with what ends it.
+/// The first reason not to rely on a frame, and the same as a sentence with the remedy; `None` if there is none.
 fn doubt(
     answer: &Answer,
     load: Option<(&DiscFit, &PlaceRegion)>,
@@ -225,7 +230,8 @@ fn doubt(
             return Some((Doubtful::DeclaredLoaded, text.to_owned()));
         }
         let (disc, place) = load?;
-        // of the disc: what its place lacks in shape is no doubt about the baseline
+        // the covariance of the disc fit is used: that of the position also contains errors of the shape, which do not
+        // put the baseline in doubt
         let sd_mm = 1e3 * principal_axes(disc.covariance).0[0];
         if sd_mm > 1e3 * MOST_PLACE_SD_M && answer.event.is_some() && !disc.accepted {
             let text =
@@ -245,7 +251,7 @@ fn doubt(
     None
 }
 
-/// Whether a load lies on the place of an alarm.
+/// Whether a load overlaps the place of an alarm.
 fn is_at(alarm: &AnchorAlarm, place: &PlaceRegion) -> bool {
     let [x, y] = [0, 1].map(|axis| place.centre_mm[axis] - 1e3 * alarm.centre[axis]);
     x.hypot(y) < 500.0 * alarm.diameter + place.half_axes_mm[0]

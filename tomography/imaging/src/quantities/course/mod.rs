@@ -1,4 +1,4 @@
-//! What happens to each triangle over time: dose, time without relief, and the path of the centre of pressure.
+//! Quantities over time: dose and time without relief of each triangle, and the path of the centre of pressure.
 
 mod state;
 
@@ -8,11 +8,11 @@ use super::quantity::{Quantity, Values};
 use super::surface::Surface;
 pub(super) use state::CourseState;
 
-/// Parts of the window in which the unrelieved area is counted.
+/// Number of parts of the window over which the unrelieved area is counted.
 const PARTS: f64 = 48.0;
-/// Share of the window's known time that an unrelieved triangle is loaded.
+/// Least share of the window's known time for which an unrelieved triangle is loaded.
 const SHARE: f64 = 0.95;
-/// Share of the window that must be known for an unrelieved area.
+/// Least share of the window that must be known for an unrelieved area.
 const KNOWN: f64 = 0.95;
 
 /// Settings of quantities over time.
@@ -20,28 +20,29 @@ const KNOWN: f64 = 0.95;
 pub(super) struct CourseSettings {
     /// Least value of a loaded triangle.
     pub(super) threshold: f64,
-    /// Time below the threshold that ends a time without relief, s.
+    /// A triangle is relieved after this time below the threshold, s.
     pub(super) relief_s: f64,
     /// Time over which the unrelieved area is counted, s.
     pub(super) window_s: f64,
-    /// Longest time for which a frame's values hold, s; a longer time to the next known frame is not known.
+    /// Longest time for which a frame's values hold, s; a longer interval to the next known frame counts as unknown.
     pub(super) hold_s: f64,
 }
 
-/// The course of the loads, from frame to frame.
+/// The loads over time, updated frame by frame.
 #[derive(Debug, Clone)]
 pub(super) struct Course {
     settings: CourseSettings,
     /// Time and loads of the last known frame.
     last: Option<(f64, Vec<f64>)>,
     dose: Vec<f64>,
-    /// What each dose has too much by the rounding of its sum: months of frames are added one by one.
+    /// Excess of each dose by rounding (see [`add_compensated`]): months of frames are added one by one.
     dose_excess: Vec<f64>,
     unrelieved: Vec<f64>,
     /// Time since each triangle fell below the threshold.
     relieved: Vec<f64>,
     parts: VecDeque<Part>,
-    /// For each region: time and place of the last centre (mm), and the length of the path, mm.
+    /// For each region: the path of the centre of pressure (last centre in mm and its time in s, speed in mm/s, length
+    /// in mm).
     paths: Vec<Path>,
 }
 
@@ -60,14 +61,15 @@ struct Path {
     length: f64,
 }
 
-/// Triangles with the largest values over a region.
+/// Centroids of the triangles with the largest values over a region, m; `None` without a value above zero.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct CoursePlaces {
     pub(super) dose: Option<[f64; 2]>,
     pub(super) unrelieved: Option<[f64; 2]>,
 }
 
-/// Adds to a sum of many small parts. `excess` begins at 0: what the sum has too much by rounding (Kahan).
+/// Adds `part` to a sum of many small parts (Kahan's compensated summation). `excess` begins at 0 and keeps the amount
+/// by which rounding made the sum too large.
 pub fn add_compensated(sum: &mut f64, excess: &mut f64, part: f64) {
     let part = part - *excess;
     let next = *sum + part;
@@ -99,7 +101,7 @@ impl Course {
         &self.unrelieved
     }
 
-    /// Takes the next frame; its values hold until the next one.
+    /// Adds the next frame, whose values hold until the frame after it.
     pub(super) fn take(&mut self, at_s: f64, loads: &[f64], of_regions: &[Values]) {
         let CourseSettings {
             threshold,
@@ -133,12 +135,13 @@ impl Course {
         }
     }
 
-    /// Adds a frame's time to the window.
+    /// Adds the time for which a frame's values held to the window.
     fn count(&mut self, at_s: f64, step: f64, loads: &[f64]) {
         let index = (at_s * PARTS / self.settings.window_s).floor() as i64;
         let last = self.parts.back().map_or(index, |part| part.index);
         if last > index {
-            // the clock was set back: the parts so far end just before this one, and leave the window as usual
+            // the clock was set back: renumber the parts so far to end just before this one, so that they leave the
+            // window in order
             for part in &mut self.parts {
                 part.index = part.index.saturating_sub(last - index + 1);
             }
@@ -167,7 +170,7 @@ impl Course {
         }
     }
 
-    /// Adds the values of the course over a region (its position in the surface) to those of the map.
+    /// Adds the quantities over time of a region (given by its position in the surface) to those of the map.
     pub(super) fn complete(
         &self,
         surface: &Surface,
@@ -198,7 +201,7 @@ impl Course {
         }
     }
 
-    /// Area loaded for 95 % of the known time of the window, mm2; `None` where less than 95 % of the window is known.
+    /// Area loaded for 95 % of the known time of the window, mm2; `None` if less than 95 % of the window is known.
     fn unrelieved_area(&self, surface: &Surface, shares: &[f64]) -> Option<f64> {
         let known: f64 = self.parts.iter().map(|part| part.known_s).sum();
         if known < KNOWN * self.settings.window_s {

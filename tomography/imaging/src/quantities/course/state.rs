@@ -1,11 +1,11 @@
-//! The state of a [`Course`], stored so that a resumed session goes on with the same bits.
+//! The state of a [`Course`], stored so that a resumed session computes the same bits as an uninterrupted one.
 
 use drift::bits;
 use serde::{Deserialize, Serialize};
 
 use super::{Course, CourseSettings, Part, Path};
 
-/// Everything that later values depend on, besides the surface.
+/// Everything except the surface that later values depend on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CourseState {
@@ -15,12 +15,12 @@ pub(crate) struct CourseState {
     triangles: usize,
     #[serde(with = "bits::option")]
     last_s: Option<f64>,
-    /// Loads of the last frame at or above the threshold: the others add nothing.
+    /// Loads of the last frame at or above the threshold; smaller ones have no effect.
     last: Sparse,
     dose: Sparse,
     dose_excess: Sparse,
     unrelieved: Sparse,
-    /// Of triangles with a time without relief: for the others it has no effect.
+    /// Only for triangles with a time without relief; for the others it has no effect.
     relieved: Sparse,
     parts: Vec<PartState>,
     paths: Vec<PathState>,
@@ -47,7 +47,7 @@ struct PartState {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PathState {
-    /// Time and place of the last centre, or nothing.
+    /// Time, x and y of the last centre; empty if there is none.
     #[serde(with = "bits")]
     last: Vec<f64>,
     #[serde(with = "bits::option")]
@@ -63,7 +63,8 @@ impl Sparse {
         Self { at, values }
     }
 
-    /// `None` if it does not fit so many triangles.
+    /// One value for each triangle, `elsewhere` for those that are not listed; `None` if the list does not fit that
+    /// many triangles.
     fn values(&self, triangles: usize, elsewhere: f64) -> Option<Vec<f64>> {
         let mut values = vec![elsewhere; triangles];
         if self.at.len() != self.values.len() {
@@ -114,7 +115,7 @@ impl Course {
         }
     }
 
-    /// Goes on from a state; `None` if it is of other settings, regions or triangles, and nothing is changed.
+    /// A course with this surface and a stored state; `None` if the state has other settings, regions or triangles.
     pub(crate) fn restored(&self, state: &CourseState) -> Option<Self> {
         let triangles = self.dose.len();
         let same_bits = |a: &[f64], b: &[f64]| {
@@ -127,7 +128,7 @@ impl Course {
             return None;
         }
         let zeros = |sparse: &Sparse| sparse.values(triangles, 0.0);
-        // nothing is below minus infinity, whatever the threshold
+        // minus infinity is below any threshold
         let loads = state.last.values(triangles, f64::NEG_INFINITY)?;
         let part = |part: &PartState| {
             Some(Part {
