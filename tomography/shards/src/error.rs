@@ -1,26 +1,26 @@
-//! Why a shard cannot be made or used.
+//! Errors of shards.
 
 use std::path::{Path, PathBuf};
 
 use outfile::OutFileError;
 use serde_json::Value;
 
-/// Why a shard cannot be made or used.
+/// Errors of shards.
 #[derive(Debug, thiserror::Error)]
 pub enum ShardError {
-    /// Another process makes this shard now. Its file is unchanged.
+    /// Another process is making this shard. Its file is unchanged.
     #[error(
         "{}: another process is making this shard; its file is unchanged. Try again when that process has ended", .0.display()
     )]
     Held(PathBuf),
-    /// SIGTERM was received, and the work in progress completed.
+    /// SIGTERM was received; the item in progress was completed first.
     #[error("stopped by SIGTERM: {done} of {of} are in {}; the same command continues there", .path.display())]
     Stopped {
         /// The incomplete file.
         path: PathBuf,
-        /// Completed items.
+        /// Number of completed items.
         done: usize,
-        /// Items of the shard.
+        /// Number of items of the shard.
         of: usize,
     },
     /// The file was made with another setting.
@@ -39,7 +39,7 @@ pub enum ShardError {
         /// Their file names.
         names: String,
     },
-    /// A file that is no shard, or no longer what was written.
+    /// A file that is not a shard, or whose content has changed since it was written.
     #[error("{}: {why}", .path.display())]
     Damaged {
         /// The file.
@@ -76,7 +76,7 @@ impl ShardError {
         }
     }
 
-    /// Missing shards, by their names.
+    /// The error for missing shards in `folder`, given their names.
     pub fn missing(folder: &Path, names: &[String]) -> Self {
         Self::Missing {
             folder: folder.to_owned(),
@@ -125,12 +125,12 @@ pub fn difference(there: &Value, here: &Value) -> Option<String> {
         (there != here)
             .then(|| format!("{name} is {} there and {} here", shown(there), shown(here)))
     }
-    // both through the same parser
+    // round trip of both values through the same text and parser
     let again = |value: &Value| serde_json::from_str(&value.to_string()).unwrap_or(Value::Null);
     search("", &again(there), &again(here))
 }
 
-/// A value, shortened.
+/// A value as text, shortened.
 fn shown(value: &Value) -> String {
     const MOST: usize = 60;
     match value {

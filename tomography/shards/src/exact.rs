@@ -1,4 +1,4 @@
-//! Results as JSON that come back to the bit. The JSON parser of this workspace rounds some numbers in their last
+//! Results as JSON that are read back bit for bit. The JSON parser of this workspace rounds some numbers in their last
 //! digit, so a number with a fraction is written as `{"f64": "0.1"}` and read by the parser of Rust, which is exact.
 
 use serde_json::{Map, Value};
@@ -37,7 +37,7 @@ pub(crate) fn decode(value: Value) -> Value {
     }
 }
 
-/// For `#[serde(with)]`: a number that may be NaN or infinite, which JSON does not have.
+/// For `#[serde(with)]`: a number that may be NaN or infinite, which JSON cannot represent.
 pub mod any_f64 {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -50,7 +50,7 @@ pub mod any_f64 {
     }
 
     /// # Errors
-    /// The serializer's.
+    /// Errors of the serializer.
     pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
         let either = match value.is_finite() {
             true => Either::Number(*value),

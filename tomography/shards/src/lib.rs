@@ -1,10 +1,10 @@
-//! Work that is divided into shards, so that the scheduler of a cluster can start each of them on any machine, in any
-//! order, more than once.
+//! Work divided into shards, each of which the scheduler of a cluster can start on any machine, in any order, more than
+//! once.
 //!
-//! [`Shard`] names a part of the work. [`PartFile`] is a shard's incomplete file, which one process at a time may write.
-//! [`Study`] computes a list of independent items, one line of JSON each, continues what was interrupted and reads the
-//! complete parts again, to the same bits. [`StopRequest`] is SIGTERM. What an item is, and what is made of all items, is
-//! left to the callers.
+//! [`Shard`] identifies a part of the work. [`PartFile`] is a shard's incomplete file, which one process at a time may
+//! write. [`Study`] computes a list of independent items, one line of JSON each, continues interrupted shards, and
+//! reads complete shards back bit for bit. [`StopRequest`] is set by SIGTERM. The callers define the items and the
+//! report on all items.
 
 mod error;
 mod exact;

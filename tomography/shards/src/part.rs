@@ -1,5 +1,5 @@
 //! The incomplete file of a shard. The process that writes it holds an exclusive lock, which the kernel releases when
-//! the process ends, however it ends.
+//! the process ends for whatever reason.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
@@ -21,7 +21,8 @@ impl PartFile {
     /// Opens or creates the file and locks it.
     ///
     /// # Errors
-    /// [`ShardError::Held`] if another process has locked it; or the file cannot be opened, or is a link.
+    /// [`ShardError::Held`] if another process has locked it; [`ShardError::Io`] if the file cannot be opened or is a
+    /// link.
     pub fn lock(path: &Path) -> Result<Self, ShardError> {
         loop {
             let file = open(path)?;
@@ -51,22 +52,22 @@ impl PartFile {
         &self.path
     }
 
-    /// Removes the file, for a shard that was completed between a look at its folder and the lock.
+    /// Removes the file, if another process completed the shard before the lock was taken.
     ///
     /// # Errors
-    /// The system's.
+    /// [`ShardError::Io`].
     pub fn remove(self) -> Result<(), ShardError> {
         std::fs::remove_file(&self.path).map_err(ShardError::io(&self.path))
     }
 
-    /// Gives the file its final name, durably.
+    /// Syncs the file and renames it to `whole`.
     ///
     /// # Errors
     /// A disk error.
     pub fn finish(self, whole: &Path) -> Result<(), ShardError> {
         self.file.sync_all().map_err(ShardError::io(&self.path))?;
         std::fs::rename(&self.path, whole).map_err(ShardError::io(whole))?;
-        // not every file system can sync a folder; the file itself is on disk
+        // an error is ignored because not every file system can sync a folder; the file itself is on disk
         let _unsynced = whole
             .parent()
             .map(|folder| File::open(folder).and_then(|folder| folder.sync_all()));
@@ -74,7 +75,7 @@ impl PartFile {
     }
 }
 
-/// Opens or creates a file that is no link, for reading and writing; children do not inherit it.
+/// Opens or creates a file for reading and writing; refuses a link. Child processes do not inherit the descriptor.
 fn open(path: &Path) -> Result<File, ShardError> {
     OpenOptions::new()
         .read(true)
@@ -86,8 +87,8 @@ fn open(path: &Path) -> Result<File, ShardError> {
         .map_err(ShardError::io(path))
 }
 
-/// Waits until no other process holds the lock file `path`, and holds it as long as the result lives. For work that
-/// several shards need and one of them does.
+/// Waits until no other process has locked the file `path`, and locks it until the returned file is dropped. For work
+/// that several shards need and only one of them does.
 ///
 /// # Errors
 /// The file cannot be created or locked.

@@ -1,10 +1,10 @@
-//! Which part of the work.
+//! The identity of a shard, and its share of the work.
 
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// The most shards: more than any scheduler takes in one array.
+/// Maximum number of shards: more than any scheduler accepts in one array.
 const MOST: usize = 1_000_000;
 
 /// One of `of` nearly equal, consecutive parts of a list.
@@ -15,7 +15,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// The shard that is everything.
+    /// The only shard of undivided work.
     pub const WHOLE: Self = Self { index: 0, of: 1 };
 
     /// Every shard of a division.
@@ -23,7 +23,7 @@ impl Shard {
         (0..of).map(move |index| Self { index, of })
     }
 
-    /// Its number, from 0.
+    /// The number of the shard, from 0.
     pub fn index(self) -> usize {
         self.index
     }
@@ -33,12 +33,12 @@ impl Shard {
         self.of
     }
 
-    /// Its items of a list of this length: the shards of a division cover each item once.
+    /// The indices of its items in a list of this length. Each item belongs to exactly one of the `of` shards.
     pub fn items(self, length: usize) -> Range<usize> {
         length * self.index / self.of..length * (self.index + 1) / self.of
     }
 
-    /// Name of its files, without ending: `shard-2-of-8`.
+    /// Name of its files, without extension: `shard-2-of-8`.
     pub fn name(self) -> String {
         format!("shard-{}-of-{}", self.index, self.of)
     }
@@ -68,10 +68,10 @@ impl FromStr for Shard {
     }
 }
 
-/// A number of shards, from text.
+/// Parses a number of shards.
 ///
 /// # Errors
-/// What is allowed.
+/// A message with the permitted range.
 pub fn parse_count(text: &str) -> Result<usize, String> {
     text.parse()
         .ok()

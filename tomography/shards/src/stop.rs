@@ -5,22 +5,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use signal_hook::consts::SIGTERM;
 
-/// Exit status of a process that SIGTERM ends, as shells report it.
+/// Exit status of a process terminated by SIGTERM, as shells report it.
 const TERMINATED: i32 = 128 + SIGTERM;
 
-/// Whether the process was asked to stop.
+/// A flag that is set when the process is to stop.
 #[derive(Debug, Clone, Default)]
 pub struct StopRequest(Arc<AtomicBool>);
 
 impl StopRequest {
-    /// From now on the first SIGTERM sets the request instead of ending the process; a second one ends it at once, with
-    /// exit code 143.
+    /// Registers a handler: the first SIGTERM sets the flag instead of ending the process, a second one ends the
+    /// process immediately with exit code 143.
     ///
     /// # Errors
     /// The system refuses the handler.
     pub fn on_sigterm() -> std::io::Result<Self> {
         let request = Self::default();
-        // handlers run in the order of their registration: the first signal finds the flag unset
+        // handlers run in the order of registration, so the flag is still unset when this one handles the first signal
         signal_hook::flag::register_conditional_shutdown(
             SIGTERM,
             TERMINATED,
@@ -38,7 +38,7 @@ impl StopRequest {
 
 #[cfg(test)]
 impl StopRequest {
-    /// As by the signal.
+    /// Sets or clears the flag, in place of the signal.
     pub(crate) fn request(&self, stop: bool) {
         self.0.store(stop, Ordering::Relaxed);
     }

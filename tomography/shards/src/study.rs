@@ -1,8 +1,8 @@
-//! A list of independent items, computed in shards and read again.
+//! A list of independent items, computed in shards and read back.
 //!
-//! A complete shard is `shard-I-of-N.jsonl`: a line with what the work is and its settings, a line for each item, and a
-//! line with the number of items and the SHA-256 of the lines before it. An incomplete shard is `shard-I-of-N.part`; its
-//! complete lines are kept when the command is repeated.
+//! A complete shard is `shard-I-of-N.jsonl`: a header line with the name and the settings of the work, a line for each
+//! item, and a line with the number of items and the SHA-256 of the lines before it. An incomplete shard is
+//! `shard-I-of-N.part`; its complete lines are kept when the command is repeated.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -21,7 +21,7 @@ const LAYOUT: u32 = 1;
 /// Independent items of work in a fixed order.
 #[derive(Debug)]
 pub struct Study<'a> {
-    /// The command.
+    /// Name of the command.
     pub name: &'a str,
     /// Everything that determines the results. Shards with other settings are refused.
     pub settings: Value,
@@ -29,16 +29,16 @@ pub struct Study<'a> {
     pub items: Vec<String>,
 }
 
-/// How much of a study a command does.
+/// The part of a study that a command computes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Division {
-    /// Everything, in this process.
+    /// All items, in this process.
     Whole,
-    /// One shard, into a folder of parts.
+    /// One shard, written to this folder.
     Shard(Shard, PathBuf),
-    /// Nothing: which of this number of shards are not complete in the folder.
+    /// No item: lists which of this number of shards are not complete in the folder.
     Missing(usize, PathBuf),
-    /// Nothing: the results are read from this number of shards in the folder.
+    /// No item: reads the results from this number of shards in the folder.
     Merge(usize, PathBuf),
 }
 
@@ -47,16 +47,16 @@ pub enum Division {
 pub struct Made {
     /// Its file.
     pub file: PathBuf,
-    /// Its items.
+    /// Number of items.
     pub items: usize,
-    /// Those of an earlier run.
+    /// Number of items from an earlier run.
     pub kept: usize,
 }
 
-/// What a command has done.
+/// Result of a command.
 #[derive(Debug)]
 pub enum Outcome<R> {
-    /// Every result, in the order of the items, or what is made of them.
+    /// All results, in the order of the items, or the report on them.
     All(R),
     /// One shard.
     Made(Made),
@@ -65,7 +65,7 @@ pub enum Outcome<R> {
 }
 
 impl<R> Outcome<R> {
-    /// Makes the ordinary output of all results.
+    /// Converts all results with `report`; the other outcomes are unchanged.
     ///
     /// # Errors
     /// Those of `report`.
@@ -79,11 +79,11 @@ impl<R> Outcome<R> {
 }
 
 impl Study<'_> {
-    /// Does the work of a division. `compute` gets the number of an item.
+    /// Computes or reads the part of the study that `division` selects. `compute` receives the index of an item.
     ///
     /// # Errors
-    /// The first item that fails; a file that cannot be read or written; shards that are missing, damaged, of other
-    /// settings or held by another process; SIGTERM.
+    /// The error of the first item that fails; a file that cannot be read or written; shards that are missing, damaged,
+    /// made with other settings or locked by another process; SIGTERM.
     pub fn perform<T: Serialize + DeserializeOwned, E: From<ShardError>>(
         &self,
         division: &Division,
@@ -118,7 +118,7 @@ impl Study<'_> {
             items: range.len(),
             kept: range.len(),
         };
-        // every shard in the folder, so that no work is done that cannot be merged
+        // check every shard in the folder first, so that no work is done that cannot be merged
         for other in Shard::all(shard.of()) {
             for path in [self.file(other, folder), part(other, folder)] {
                 self.check(&path, other)?;
@@ -193,7 +193,7 @@ impl Study<'_> {
         Ok(all)
     }
 
-    /// Appends the results of a complete shard.
+    /// Reads a complete shard and appends its results to `all`.
     fn read<T: DeserializeOwned>(
         &self,
         path: &Path,
@@ -244,7 +244,8 @@ impl Study<'_> {
         })
     }
 
-    /// Refuses a file, if there is one, with another header. A header that is cut off is that of a killed process.
+    /// Refuses an existing file with another header. An incomplete header was written by a killed process and is
+    /// accepted.
     fn check(&self, path: &Path, shard: Shard) -> Result<(), ShardError> {
         let mut file = match File::open(path) {
             Ok(file) => file,
@@ -265,7 +266,8 @@ impl Study<'_> {
         }
     }
 
-    /// Cuts a part after its last complete item, or begins it; returns its items and the hash of its lines.
+    /// Truncates a part file after its last complete item, or writes the header of a new one. Returns the number of
+    /// complete items and the hash of the lines.
     fn resume(&self, held: &mut PartFile, shard: Shard) -> Result<(usize, Sha256), ShardError> {
         let path = held.path().to_owned();
         let failed = ShardError::io(&path);
@@ -310,7 +312,7 @@ fn part(shard: Shard, folder: &Path) -> PathBuf {
     folder.join(format!("{}.part", shard.name()))
 }
 
-/// The result on the line of an item.
+/// The result in the line of an item; `None` if the line is not that of `item`.
 fn result_of(line: &str, item: usize) -> Option<Value> {
     let mut value: Value = serde_json::from_str(line).ok()?;
     (value["item"] == item && value.get("result").is_some()).then(|| value["result"].take())

@@ -85,7 +85,7 @@ fn other_settings_are_refused_before_any_work() {
     perform(1, &at(2, 0)).unwrap();
     let merge = Division::Merge(2, folder.path().to_owned());
     let missing = Division::Missing(2, folder.path().to_owned());
-    // refused for every division of this folder, also for another shard
+    // settings that differ are refused for every division of this folder, also for another shard
     for division in [at(2, 0), at(2, 1), merge, missing] {
         let refusal = perform(2, &division).unwrap_err().to_string();
         for word in ["shard-0-of-2.jsonl", "settings.seed is 1 there and 2 here"] {

@@ -1,7 +1,9 @@
-//! How often the maps of a model file get the reasons `own_misfit` and `novelty`: `own_misfit FILE [FRAMES]`.
+//! Counts how often the quality check gives maps of a model file the reasons `own_misfit` and `novelty`: `own_misfit
+//! FILE [FRAMES]`.
 //!
-//! Frames of the paper's sheet on a finer, different mesh than the model's, with another seed than the training's and 2 uV of
-//! noise on baseline and frame: loads as in training, loads of other kinds, and maps that were changed on purpose.
+//! The frames are simulated on the paper's sheet with a finer mesh than the model's, another seed than the training's,
+//! and 2 uV of noise on baseline and frame. Evaluated are loads as in training, loads of other kinds, and maps that
+//! were changed on purpose.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -27,7 +29,7 @@ const REGION: [f64; 2] = [0.08876, 0.0954];
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 type Factor = Box<dyn Fn([f64; 2]) -> f64>;
 
-/// Loads as the training has them, and others.
+/// Loads as in training, and others.
 const LOADS: [&str; 10] = [
     "polygons, as in training",
     "press of 10 mm",
@@ -41,7 +43,7 @@ const LOADS: [&str; 10] = [
     "ramp over the sheet",
 ];
 
-/// The factor of the conductance at each place (m), for all but the first kind.
+/// The factor of the conductance as a function of the position (m), for all kinds except the first.
 fn load_of(kind: usize, electrodes: &[[f64; 2]], random: &mut ChaCha8Rng) -> Factor {
     let loss = random.random_range(0.2..0.8);
     let mut inside = |margin: f64| {
@@ -109,7 +111,7 @@ fn away(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// Maps as the network makes them, and changed ones.
+/// Changes of a map; the first leaves it as the network made it.
 const CHANGES: [&str; 4] = ["", "no load", "half of it", "another place"];
 
 fn changed(mut map: Map, change: usize) -> Map {
@@ -162,7 +164,7 @@ fn main() -> Result<(), Failure> {
         ..settings
     };
     let simulation = Simulation::new(&mesh, &case.contact_ohm_m, &sigma0, &case.protocol, &fresh)?;
-    // cases without a load are left out
+    // cases without a load are skipped
     let polygons: Vec<usize> = (0..simulation.len())
         .filter(|&number| !simulation.target(number).is_empty())
         .take(frames)
@@ -175,7 +177,7 @@ fn main() -> Result<(), Failure> {
     );
     for (kind, name) in LOADS.iter().enumerate() {
         for (change, what) in CHANGES.iter().enumerate() {
-            // maps are changed of loads that the training has
+            // only maps of loads as in training are changed
             if change > 0 && ![0, 2].contains(&kind) {
                 continue;
             }

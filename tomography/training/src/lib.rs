@@ -1,10 +1,10 @@
 //! Training sets and the training of models that `eit` evaluates: linear maps, RBF networks and deep networks.
 //!
-//! The crate computes and reports progress through closures; the command line, its files and its output are in `lab`.
+//! The crate reports progress through closures; the command line, its files and its output are in `lab`.
 //!
 //! - **samples**: cases of Algorithm 1 and their jitter; **dataset**: training sets in files, in shards
 //! - **linear**, **rbf**, **deep**: the three kinds of models; **model_cache**: models cached for a case
-//! - **noise_figure**: noise figures of methods, by draws; **own_misfit**: what maps of held-out cases leave unexplained
+//! - **noise_figure**: noise figures of methods, by draws; **own_misfit**: misfit of maps of held-out cases
 //! - **symmetry**: a training set extended by the symmetries of its sheet
 
 pub mod dataset;

@@ -1,9 +1,9 @@
 //! The trained linear map: the matrix with the smallest mean square error over a training set and the noise of its
 //! profile.
 //!
-//! x = W dv with W = E[x dv'] (E[dv dv'] + N)^-1, moments about zero, so that no change gives no load. N is the
-//! covariance of the jitter itself, not of samples: more copies would only approach this. Stored as a network of one
-//! layer, so that every program that loads networks can load it, in f32, f16 or int8.
+//! x = W dv with W = E[x dv'] (E[dv dv'] + N)^-1. Moments are about zero, so that the map of zero change is empty. N is
+//! the exact covariance of the jitter, not that of samples, which more copies would only approximate. The map is stored
+//! as a network of one layer (f32, f16 or int8), which every program that loads networks can load.
 
 use std::sync::Arc;
 
@@ -20,16 +20,16 @@ use crate::noise_figure::with_noise_figure;
 use crate::samples::{Noise, Progress, Samples, Simulation, Stage, TrainError, dense_target};
 use crate::symmetry::Symmetric;
 
-/// Samples read in parallel, and summed in order.
+/// Number of samples that are read in parallel and then summed in order.
 const BLOCK: usize = 256;
-/// Inputs for the distribution of familiar inputs.
+/// Number of inputs for the distribution of training inputs.
 const TRAINING_DISTRIBUTION: usize = 4000;
 
 /// The linear map of a case: from the cache if it was trained before with the same settings, otherwise trained and
 /// cached.
 ///
 /// # Errors
-/// See [`fit`]; also different currents, if the noise is known.
+/// See [`fit`]; also readings with different currents, if `noise_v` is given.
 pub fn cached(
     case: &Case,
     noise_v: Option<f64>,
@@ -40,7 +40,7 @@ pub fn cached(
     let settings = TrainingSettings {
         cases,
         repeats: 1,
-        // it has none, and they are a part of its file
+        // a linear map has no neurons, but settings with more neurons than samples are refused
         neurons: usual.neurons.min(cases),
         jitter: match noise_v {
             Some(noise_v) => matched(&[noise_v], single_current(case)?),
@@ -61,7 +61,7 @@ pub fn cached(
     })
 }
 
-/// White noise of one level (V), or of several used in turn.
+/// Jitter by white noise of one level, V, or of several levels used in turn.
 pub fn matched(levels: &[f64], current_a: f64) -> Jitter {
     match levels {
         [noise_v] => Jitter::Matched {
@@ -92,7 +92,7 @@ pub fn fit(
     let sigma0 = case.unloaded_conductance();
     let simulation = Simulation::of_case(case, &settings)?;
     let once: &dyn Samples = samples.unwrap_or(&simulation);
-    // the last cases are for evaluation; all symmetric copies of a case are on the same side
+    // the last cases are held out for evaluation, together with all their symmetric copies
     let held_out = (once.len() / 10).min(500);
     let learnt = once.len() - held_out;
     let all = Symmetric::new(once, case, &sigma0);
@@ -105,7 +105,7 @@ pub fn fit(
         settings.seed,
     )?;
     let mut covariance = DMatrix::<f64>::zeros(inputs, inputs);
-    // a row per reading: each case adds to one column per changed triangle
+    // one row per reading, one column per triangle; a case adds to the columns of its changed triangles
     let mut cross = DMatrix::<f64>::zeros(inputs, outputs);
     let mut seen: Vec<f32> = Vec::new();
     let read = |case: usize| {
@@ -147,7 +147,7 @@ pub fn fit(
     let factor = DMatrix::from_vec(inputs, inputs, with_noise)
         .cholesky()
         .ok_or(TrainError::Covariance)?;
-    // a column per triangle becomes a row of the layer
+    // column-major storage: a column for each triangle is a row of the layer's weights
     let solved = factor.solve(&cross);
     let weights: Vec<f32> = solved.iter().map(|value| *value as f32).collect();
     let layer = Layer {

@@ -1,4 +1,4 @@
-//! Cache of trained models, so that the same training is not repeated.
+//! Cache of trained models; a training with the same settings is not repeated.
 
 use std::path::{Path, PathBuf};
 
@@ -14,14 +14,14 @@ pub struct Cached {
     pub model: Model,
     /// Whether it was trained by this call.
     pub is_new: bool,
-    /// Where a new model was stored, or why it was not.
+    /// The path to which a new model was stored, or the reason why it was not.
     pub notes: Vec<String>,
 }
 
 /// The common current of a case's readings, A.
 ///
 /// # Errors
-/// [`TrainError::Currents`] where readings have several currents.
+/// [`TrainError::Currents`] if readings have several currents.
 pub fn single_current(case: &Case) -> Result<f64, TrainError> {
     let first = case.currents.first().copied().unwrap_or(1.0);
     if case.currents.iter().all(|current| *current == first) {

@@ -1,5 +1,5 @@
-//! Noise figures of nonlinear methods, by draws: of trained networks with the noise of their training, of other methods
-//! with white noise.
+//! Noise figures of nonlinear methods, estimated by draws: for trained networks with the noise of their training, for
+//! other methods with white noise.
 
 use std::sync::Arc;
 
@@ -13,17 +13,17 @@ use survey::{Map, Reading};
 
 use crate::samples::Noise;
 
-/// Draws of the noise, and fewer for a method that takes seconds per frame.
+/// Number of draws of the noise; [`FEW_DRAWS`] for a method that takes seconds per frame.
 const DRAWS: usize = 24;
 const FEW_DRAWS: usize = 6;
-/// Radius of the load in the middle of the region, as a share of the region's half diagonal; half the conductance is
-/// lost.
+/// Radius of the load in the middle of the region, as a share of the region's half diagonal. The load halves the
+/// conductance.
 const SIZE: f64 = 0.1;
 /// Seed of the draws of white noise.
 const SEED: u64 = 26;
 
-/// The model with its noise figure: signal-to-noise ratio of the readings over that of the map, for a small load in the
-/// middle of the region. Without a noise figure if the network makes no map of that load or an empty one.
+/// Adds the noise figure to a model: signal-to-noise ratio of the readings over that of the map, for a small load in
+/// the middle of the region. The model gets no noise figure if the network makes no map of that load, or an empty one.
 pub fn with_noise_figure(model: Model, case: &Case, sigma0: &[f64], noise: &Noise) -> Model {
     let network = model.clone().into_reconstructor();
     let figure = Press::new(case, sigma0, None).and_then(|press| {
@@ -42,8 +42,8 @@ pub fn with_noise_figure(model: Model, case: &Case, sigma0: &[f64], noise: &Nois
 }
 
 /// The noise figure of any method, at the case's currents, for white noise of `noise_v` (V, standard deviation of one
-/// reading) on baseline and frame; fewer draws if a method is `slow`. The figure of a nonlinear method depends on noise
-/// and load.
+/// reading) on baseline and frame; fewer draws for a `slow` method. The figure of a nonlinear method depends on noise
+/// and load. `None` if the method makes no map of the load, or an empty one.
 pub fn by_draws(
     reconstructor: &dyn Reconstructor,
     case: &Case,
@@ -52,7 +52,7 @@ pub fn by_draws(
 ) -> Option<f64> {
     let sigma0 = case.unloaded_conductance();
     let press = Press::new(case, &sigma0, Some(&case.currents))?;
-    // the noise of both is added to the frame: every method uses the difference
+    // the noise of baseline and frame is added to the frame, because every method uses the difference only
     let normal = Normal::new(0.0, std::f64::consts::SQRT_2 * noise_v).ok()?;
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let count = press.after.len();
@@ -74,7 +74,7 @@ struct Press {
 }
 
 impl Press {
-    /// At `currents`, A, or at 1 A.
+    /// Computes the readings at `currents`, A, or at 1 A.
     fn new(case: &Case, sigma0: &[f64], currents: Option<&[f64]>) -> Option<Self> {
         let mesh = &case.mesh;
         let centroids = mesh.region_centroids();
@@ -101,7 +101,7 @@ impl Press {
         })
     }
 
-    /// |dv| / |noise| over |map| / |map with noise - map|, noises and map changes summed over the draws (V).
+    /// (|dv| / |noise|) / (|map| / |map with noise - map|), |noise| (V) and map changes summed over the draws.
     fn figure(&self, reconstructor: &dyn Reconstructor, draws: Vec<Vec<f64>>) -> Option<f64> {
         let baseline = Reading::of_volts(self.before.iter().copied());
         let map = |noise: &[f64]| -> Option<Map> {
@@ -134,7 +134,7 @@ mod tests {
     use eit::{DiscTank, Hyper, OneStep, OneStepOptions, Scale};
     use survey::Protocol;
 
-    /// For a linear map M, the figure from draws equals its closed form, |dv| |M| / sqrt(readings) / |M dv|.
+    /// For a linear map M the figure from draws equals the closed form |dv| |M| / sqrt(readings) / |M dv|.
     #[test]
     fn the_draws_of_a_linear_map_find_its_closed_form() {
         let tank = DiscTank::default();

@@ -1,4 +1,4 @@
-//! What the maps of a trained model leave unexplained of cases that the training has not seen.
+//! The misfit of a trained model's maps for cases that were not in its training set.
 
 use std::f64::consts::SQRT_2;
 use std::ops::Range;
@@ -9,11 +9,11 @@ use survey::Reading;
 
 use crate::samples::{Noise, Samples, Simulation, TrainError};
 
-/// Most cases that are simulated for it.
+/// Maximum number of simulated cases.
 const CASES: usize = 3000;
 
-/// The model with what its maps of fresh cases leave, drawn like those of its training but with a seed after `drawn`, the seed
-/// of these.
+/// Adds the misfit of maps of new cases to a model. The cases are drawn like those of the training, with the seed after
+/// `drawn`, the seed of the training set.
 ///
 /// # Errors
 /// Cases that cannot be simulated.
@@ -31,8 +31,8 @@ pub fn of_fresh_cases(model: Model, case: &Case, drawn: u64) -> Result<Model, Tr
     of_cases(model, case, &simulation, all)
 }
 
-/// The model with what its maps of these cases of a set leave, each with a copy of the training's noise. Too few cases with a
-/// change above the noise leave the model as it is.
+/// Adds the misfit of maps of these cases of a set to a model, each case with noise like that of the training. With too
+/// few cases above the noise the model is unchanged.
 ///
 /// # Errors
 /// A sample that cannot be read, a noise that does not fit it, or a sheet that cannot be solved.
@@ -44,7 +44,7 @@ pub fn of_cases(
 ) -> Result<Model, TrainError> {
     let settings = &model.metadata().training;
     let before = samples.baseline();
-    // another seed than the training's
+    // the noise has another seed than in the training
     let seed = settings.seed.wrapping_add(1);
     let noise = Noise::new(&settings.jitter, settings.open.spread, before, seed)?;
     let top = before.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
@@ -68,7 +68,7 @@ pub fn of_cases(
                 .zip(&row)
                 .map(|(v, x)| v + top * f64::from(*x));
             let frame = Reading::of_volts(changed);
-            // a case that the network refuses has no map to judge
+            // cases that the network refuses have no map and are skipped
             let map = network.reconstruct(&baseline, &frame).ok();
             Ok(map.and_then(|map| check.own_misfit(&baseline, &frame, &map.values)))
         })

@@ -1,4 +1,4 @@
-//! Symmetries of a sheet: the mirror image of a training case is another case that needs no solution.
+//! Symmetries of a sheet: the mirror image of a training case is another case, which needs no forward solution.
 
 use std::collections::BTreeMap;
 
@@ -12,9 +12,9 @@ const SAME: f64 = 1e-9;
 
 /// A symmetry as a permutation of readings and of triangles of the region.
 struct SymmetryPermutation {
-    /// (reading, sign) for reading k.
+    /// For each reading: the reading that replaces it, and its sign.
     readings: Vec<(usize, f32)>,
-    /// Triangle of the region for triangle k.
+    /// For each triangle of the region: the triangle that replaces it.
     region: Vec<u32>,
 }
 
@@ -35,7 +35,7 @@ impl<'s> Symmetric<'s> {
         Self { inner, turns }
     }
 
-    /// Number of views of each case, including the original.
+    /// Number of symmetric copies of each case, including the original.
     pub fn views(&self) -> usize {
         self.turns.len() + 1
     }
@@ -152,7 +152,7 @@ fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<SymmetryPermutat
     currents.then_some(SymmetryPermutation { readings, region })
 }
 
-/// The point at the image of each point; `None` if one has none.
+/// For each point the index of the point at its image, within the distance `within`; `None` if a point has none.
 fn met(
     points: &[[f64; 2]],
     image: impl Fn([f64; 2]) -> [f64; 2],

@@ -100,7 +100,7 @@ fn a_small_network_finds_a_large_press() {
 
 #[test]
 fn a_model_of_cases_mostly_alike_is_read_again() {
-    // nine in ten cases change nothing, so that the median distance of two is zero
+    // nine of ten cases change nothing, so that the median distance of two samples is zero
     let settings = TrainingSettings {
         polygons: 1,
         vertices: 3,
@@ -173,7 +173,7 @@ fn a_masked_reading_moves_the_map_little() {
     assert_eq!(map.masked, 1);
     let most = whole.largest_loss().unwrap().1;
     for (a, b) in whole.values.iter().zip(&map.values) {
-        // it is replaced by its reciprocal twin, equal up to the forward solution's rounding
+        // the missing reading is replaced by the reciprocal one, equal except for rounding of the forward solution
         assert!((a - b).abs() < 1e-6 * most, "{a} {b}");
     }
     masked[..11].fill(Reading::NotMeasured);
@@ -304,7 +304,7 @@ fn huge_count_is_refused_before_memory_is_allocated() {
             "{refusal}"
         );
     }
-    // A header with tensors of more bytes than an integer can count.
+    // a header with a tensor whose size in bytes overflows an integer
     let header = r#"{"a":{"dtype":"U8","shape":[1],"data_offsets":[0,18446744073709551615]}}"#;
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
     bytes.extend(header.as_bytes());

@@ -1,5 +1,5 @@
-//! The misfit that learned maps leave: computed at training, stored in the model file, and used to doubt maps with a
-//! larger one. Maps are judged on data of a finer, different mesh, with another seed than the training's.
+//! The misfit of learned maps: computed at training, stored in the model file, and used to doubt maps with a larger
+//! misfit. The frames are simulated on a finer mesh, with another seed than the training's.
 
 use std::sync::{Arc, OnceLock};
 
@@ -80,7 +80,7 @@ fn sheet() -> &'static Case {
     })
 }
 
-/// A linear map of it.
+/// A linear map of the paper's sheet.
 fn model() -> &'static Model {
     static MODEL: OnceLock<Model> = OnceLock::new();
     MODEL.get_or_init(|| fitted(sheet(), settings(2000)))
@@ -116,7 +116,8 @@ impl FineSheet {
         }
     }
 
-    /// The quality of a learned map of this loss of conductance at each place (m).
+    /// The quality of a learned map of a frame; `loss` is the relative loss of conductance as a function of the
+    /// position, m.
     fn quality(
         &self,
         network: &dyn Reconstructor,
@@ -136,7 +137,7 @@ impl FineSheet {
         self.judged(network, &self.readings(loss, random), usual)
     }
 
-    /// Baseline and frame of this loss.
+    /// Baseline and frame; `loss` is the relative loss as a function of the position, m.
     fn readings(
         &self,
         loss: impl Fn([f64; 2]) -> f64,
@@ -177,7 +178,7 @@ fn has(quality: &MapQuality, kind: &str) -> bool {
     quality.reasons.iter().any(|reason| reason.kind == kind)
 }
 
-/// A disc of 50 mm with half the conductance lost in the region.
+/// A disc of 50 mm at a random place in the region, with half the conductance lost.
 fn press(random: &mut ChaCha8Rng) -> impl Fn([f64; 2]) -> f64 + use<> {
     let at = [0.107, 0.115];
     let reach = [0.0588, 0.0654];
@@ -297,7 +298,7 @@ fn readings_missing_with_their_twins_are_not_judged() {
         )
     };
     assert!(found(&readings));
-    // the network replaces the missing reading by its reciprocal twin
+    // the network replaces the missing reading by the reciprocal one
     readings[1][40] = Reading::Overload;
     assert!(found(&readings));
     readings[1][twin] = Reading::Overload;

@@ -33,10 +33,10 @@ pub enum DataSetError {
     /// A case cannot be solved.
     #[error("the training set")]
     Sample(#[from] SampleError),
-    /// A shard that is held by another process, of other settings, stopped or missing.
+    /// A shard that is locked by another process, was made with other settings, was interrupted, or is missing.
     #[error(transparent)]
     Shard(#[from] ShardError),
-    /// A file that exists is not replaced.
+    /// An output file or folder cannot be written, for example because a file exists already.
     #[error(transparent)]
     Output(#[from] OutFileError),
 }

@@ -1,4 +1,4 @@
-//! The files of a set in a folder: names, manifests, and what does not belong to the set.
+//! The files of a set in a folder: names, manifests, and refusal of files of another set.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -12,7 +12,7 @@ use shards::{PartFile, Shard, ShardError};
 
 use super::{DataSetError, header, read};
 
-/// Longer than any header, bytes: settings with the noise of measured frames are the longest.
+/// Upper limit of the length of a header, bytes. Settings with the noise of measured frames are the longest.
 const LONGEST: u64 = 1 << 28;
 
 /// The files of a shard.
@@ -59,7 +59,7 @@ pub fn missing(
     Ok(missing)
 }
 
-/// Gives a complete part its name, then writes its manifest; returns the hash of the file.
+/// Renames a complete part to its final name, then writes its manifest; returns the SHA-256 of the file, hex.
 pub(super) fn close(
     part: PartFile,
     paths: &Paths,
@@ -77,7 +77,7 @@ pub(super) fn close(
         "cases": cases.len(),
         "header": header,
     });
-    // another process that waited for the lock may have made the same file since
+    // another process that waited for the lock may have written the same manifest
     outfile::write(
         &paths.manifest,
         Existing::Replace,
@@ -86,7 +86,8 @@ pub(super) fn close(
     Ok(hash)
 }
 
-/// Refuses a folder with a shard of another set, complete or not: the shard to be made could not be used with it.
+/// Refuses a folder with a shard of another set, complete or not, because the new shard could not be used together with
+/// it.
 pub(super) fn refuse_others(
     folder: &Path,
     header: &Value,
@@ -114,7 +115,8 @@ pub(super) fn refuse_others(
         }
         let there = match path.extension().and_then(|ending| ending.to_str()) {
             Some("json") => read::manifest(&path)?.map(|manifest| manifest["header"].clone()),
-            // a run may have been killed between the rename after the last record and the manifest
+            // a `.tset` file without a manifest: a run may have been killed after the rename and before it wrote the
+            // manifest
             Some("part" | "tset") => {
                 let own = path == own.part || path == own.whole;
                 first_line(&path, own.then_some(header))?
@@ -132,8 +134,8 @@ pub(super) fn refuse_others(
     Ok(())
 }
 
-/// The header of a shard; `None` if the process that wrote it was killed before its end. `own` is the header of the shard
-/// that will be written there.
+/// The header of a shard; `None` if the writing process was killed before the header was complete. `own`: the header of
+/// the shard that will be written to this file.
 fn first_line(path: &Path, own: Option<&Value>) -> Result<Option<Value>, DataSetError> {
     let failed = |cause: std::io::Error| DataSetError::io(path, cause);
     let refused = || {

@@ -1,4 +1,4 @@
-//! One file of all shards, with the bits of an undivided run.
+//! Merges all shards to one file, bit for bit that of an undivided run.
 
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -10,7 +10,8 @@ use shards::{PartFile, Shard, ShardError, StopRequest};
 use super::folder::{Paths, close, refuse_others};
 use super::{DataSet, DataSetError, MadeShard, header, missing};
 
-/// Writes the `of` shards in `parts` as the only shard of a set in `folder`. The file appears whole or not at all.
+/// Writes the `of` shards in `parts` as the only shard of a set in `folder`. The file is created complete or not at
+/// all.
 ///
 /// # Errors
 /// Shards that are missing, damaged or of another set; files that cannot be written or that another process writes;
@@ -86,7 +87,7 @@ pub fn merge(
     })
 }
 
-/// Copies all bytes. An error comes with `true` if reading failed, `false` if writing failed.
+/// Copies all bytes. The flag of an error is `true` if reading failed and `false` if writing failed.
 fn copy(from: &mut impl Read, to: &mut impl Write) -> Result<(), (bool, std::io::Error)> {
     let mut piece = vec![0; 1 << 16];
     loop {

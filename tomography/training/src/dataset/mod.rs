@@ -4,8 +4,9 @@
 //! A shard `shard-I-of-N.tset` holds the cases c with c * N / cases = I of one set: a header line of JSON, then a
 //! record for each case, little-endian: the number of changed triangles (u32), the normalised readings (f32), and (u32,
 //! f32) for each change. When it is complete, its manifest `shard-I-of-N.json` with the SHA-256 of the file is written.
-//! An incomplete shard is `.part`, locked by the process that makes it; its complete records are reused when the command
-//! is repeated. Case c depends on settings and seed only, so merged shards are the file of an undivided run.
+//! An incomplete shard is `.part`, locked by the process that makes it; its complete records are reused when the
+//! command is repeated. Case c depends on settings and seed only, so merged shards are equal to the file of an
+//! undivided run.
 
 mod error;
 mod folder;
@@ -55,7 +56,7 @@ pub struct MadeShard {
 ///
 /// # Errors
 /// Files that cannot be read or written, that belong to another set, or that another process writes; a case that cannot
-/// be solved; SIGTERM, after the cases in work.
+/// be solved; SIGTERM, after the cases in progress.
 pub fn make_shard(
     case: &Case,
     settings: &TrainingSettings,
@@ -81,7 +82,7 @@ pub fn make_shard(
     let simulation = Simulation::of_case(case, settings)?;
     outfile::make_folder(folder, Existing::Replace)?;
     let mut part = PartFile::lock(&paths.part)?;
-    // both may have changed before the lock was taken
+    // another process may have completed the shard or changed the folder before the lock was taken
     if paths.manifest.exists() {
         part.remove()?;
         return Ok(complete());
@@ -121,7 +122,7 @@ fn header(case: &Case, settings: &TrainingSettings, shard: Shard) -> Value {
     })
 }
 
-/// Writes the missing records; returns the number of existing ones.
+/// Writes the missing records; returns the number of records that existed.
 fn make(
     simulation: &Simulation,
     head: &str,
@@ -196,7 +197,8 @@ fn record(out: &mut impl Write, sample: &Sample) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Number of complete records after a matching header, and where they end; 0 if the header does not match.
+/// Number of complete records after a matching header, and the offset of their end; both are 0 if the header does not
+/// match.
 fn resume(file: &File, head: &str, inputs: usize, most: usize) -> std::io::Result<(usize, u64)> {
     let length = file.metadata()?.len();
     let mut reader = BufReader::new(file);
@@ -226,7 +228,7 @@ fn resume(file: &File, head: &str, inputs: usize, most: usize) -> std::io::Resul
 mod tests {
     use super::*;
 
-    /// A disk that is full after this number of bytes.
+    /// A writer that fails after this number of bytes, like a full disk.
     struct Small(usize);
 
     impl Write for Small {

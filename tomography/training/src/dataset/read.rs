@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use super::{DataSetError, contacts_and_sigma0};
 use crate::samples::{Sample, SampleError, Samples};
 
-/// Every shard of a set.
+/// A training set in files: all its shards.
 pub struct DataSet {
     shards: Vec<Shard>,
     /// First case of each shard.
@@ -27,7 +27,7 @@ pub struct DataSet {
 struct Shard {
     path: PathBuf,
     file: File,
-    /// Start of each record, and end of the last.
+    /// Offset of each record, and of the end of the last.
     at: Vec<u64>,
 }
 
@@ -142,7 +142,7 @@ impl DataSet {
         Ok(set)
     }
 
-    /// Whether the cases were recorded, so that no others can be simulated.
+    /// Whether the cases were recorded, so that further cases cannot be simulated.
     pub fn is_recorded(&self) -> bool {
         self.recorded
     }
@@ -232,7 +232,7 @@ impl Samples for DataSet {
     }
 }
 
-/// Names of the missing shards, by the total in the manifests.
+/// Names of the missing shards; their total number is taken from the manifests.
 fn missing(manifests: &[(PathBuf, serde_json::Value)]) -> String {
     let shard = |manifest: &serde_json::Value, part: usize| {
         manifest["header"]["shard"][part].as_u64().unwrap_or(0)
@@ -259,7 +259,7 @@ pub(super) fn manifest(path: &Path) -> Result<Option<serde_json::Value>, DataSet
         .map_err(|cause| DataSetError::io(path, cause.into()))
 }
 
-/// SHA-256 of a file, hex, read in pieces.
+/// SHA-256 of a file, hex; the file is read in pieces.
 pub(super) fn hash_of(path: &Path) -> Result<String, DataSetError> {
     let failed = |cause: std::io::Error| DataSetError::io(path, cause);
     let mut file = File::open(path).map_err(failed)?;

@@ -1,4 +1,5 @@
-//! A set of recorded cases in the files of a simulated one: one shard, whose header has the hash of what was recorded.
+//! A set of recorded cases in the file format of simulated sets: one shard, whose header contains the hash of the
+//! recording.
 
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -12,8 +13,9 @@ use super::folder::{Paths, close, refuse_others};
 use super::{DataSetError, MadeShard, baseline, full, header, record};
 use crate::samples::{Purpose, Sample, stream};
 
-/// Writes recorded cases as a set, in an order drawn from `seed`: trainings judge themselves by the last cases, which must not
-/// be the last places that were pressed. `unloaded`: the baseline at 1 A, V. `source`: hash of the recording.
+/// Writes recorded cases as a set, in a random order given by `seed`: trainings hold out the last cases for evaluation,
+/// which must not all be the last presses of the recording. `unloaded`: the baseline at 1 A, V. `source`: hash of the
+/// recording.
 ///
 /// # Errors
 /// A case with a number that is not finite; files that cannot be written or that belong to another set.
@@ -31,7 +33,7 @@ pub fn keep_recorded(
     let usual = TrainingSettings::default();
     let settings = TrainingSettings {
         cases: samples.len(),
-        // a few presses make a set too
+        // fewer samples than neurons would be refused, and a few presses are a valid set
         neurons: usual.neurons.min(samples.len()),
         seed,
         ..usual

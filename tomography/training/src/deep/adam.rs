@@ -1,8 +1,9 @@
-//! Adam (Kingma and Ba, 2015): a step of each number by its mean gradient over the root of its mean squared gradient.
+//! Adam (Kingma and Ba, 2015): the step of each parameter is its mean gradient over the root of its mean squared
+//! gradient.
 
 use super::product;
 
-/// Parameters of a step; `rate` and `epsilon` include the correction for the moments' start at zero.
+/// Constants of a step; `rate` and `epsilon` include the bias correction of the moments, which start at zero.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     beta1: f32,

@@ -1,4 +1,4 @@
-//! Batches of samples with their jitter; and statistics of the inputs of a training set.
+//! Batches of samples with their jitter, and statistics of the inputs of a training set.
 
 use eit::inverse::learned::network::TrainingDistribution;
 use rand::{RngExt, SeedableRng};
@@ -24,7 +24,7 @@ pub(super) struct JitteredSet<'a> {
 
 /// Statistics of the inputs of a training set.
 pub(super) struct InputStatistics {
-    /// Mean and 1 / deviation of each reading.
+    /// Mean and 1 / standard deviation of each reading.
     pub(super) statistics: [Vec<f32>; 2],
     pub(super) familiar: TrainingDistribution,
 }
@@ -43,7 +43,7 @@ impl JitteredSet<'_> {
     /// Case `case` with the jitter of one copy.
     fn jittered(self, copy: usize, case: usize) -> Result<Sample, SampleError> {
         let mut sample = self.samples.sample(case)?;
-        // not every set checks itself, and one such number would spoil every weight
+        // not every set checks its numbers, and one that is not finite would spoil every weight
         sample.check("the training set", case)?;
         self.noise
             .add(&mut sample.input, copy, case, self.samples.len());
@@ -90,15 +90,15 @@ impl JitteredSet<'_> {
         order
     }
 
-    /// The held-out cases, each with a draw of the jitter that is never used in training.
+    /// The held-out cases as (copy, case), each with a copy of the jitter that the training never uses.
     pub(super) fn kept_back(self) -> Vec<(usize, usize)> {
         (self.cases()..self.samples.len())
             .map(|case| (self.repeats + case % self.noise.levels(), case))
             .collect()
     }
 
-    /// Mean and 1 / deviation of each reading over the training inputs (`epsilon` added to the variance), and the
-    /// distribution of the inputs.
+    /// Mean and 1 / standard deviation of each reading over the training inputs (`epsilon` added to the variance), and
+    /// the distribution of the inputs.
     pub(super) fn describe(self, epsilon: f64) -> Result<Option<InputStatistics>, SampleError> {
         let rows = (0..self.cases().min(STATISTICS_INPUTS))
             .into_par_iter()

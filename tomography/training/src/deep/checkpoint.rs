@@ -1,4 +1,4 @@
-//! Checkpoints of a training: written atomically after each epoch, read by a run with the same settings.
+//! Checkpoints of a training: written atomically after each epoch, and read by a later run with the same settings.
 
 use std::collections::HashMap;
 use std::io;
@@ -15,7 +15,7 @@ const KEY: &str = "tactus-training";
 /// State of a training after an epoch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct TrainingState {
-    /// Fingerprint of everything that determines the bits.
+    /// Hash of everything that determines the bits of the result.
     pub(super) fingerprint: String,
     /// Completed epochs.
     pub(super) epochs: usize,
@@ -28,7 +28,7 @@ pub(super) struct TrainingState {
 /// Errors of checkpoints.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointFault {
-    /// It cannot be written.
+    /// The checkpoint cannot be written.
     #[error(
         "checkpoint {path}: free space or give another --checkpoint, then the same command continues from the last checkpoint"
     )]
@@ -39,7 +39,7 @@ pub enum CheckpointFault {
         #[source]
         cause: io::Error,
     },
-    /// It cannot be read.
+    /// The checkpoint cannot be read.
     #[error("checkpoint {path} cannot be read")]
     Unread {
         /// The file.
@@ -48,7 +48,7 @@ pub enum CheckpointFault {
         #[source]
         cause: io::Error,
     },
-    /// Its content is damaged.
+    /// The checkpoint is damaged.
     #[error("checkpoint {path} is damaged ({why}): remove it to start again")]
     Damaged {
         /// The file.
@@ -56,7 +56,7 @@ pub enum CheckpointFault {
         /// How it was detected.
         why: String,
     },
-    /// It was written by a training with other settings.
+    /// The checkpoint was written by a training with other settings.
     #[error(
         "checkpoint {path} belongs to a training with other settings: remove it, or give another --checkpoint"
     )]
@@ -96,7 +96,8 @@ pub(super) fn write(
             .expect("the length is that of the bytes");
         (name, view)
     });
-    // the file to replace was read as a checkpoint of this training; a failed write leaves no file behind
+    // an existing file was read as a checkpoint of this training and may be replaced; a failed write removes its
+    // temporary file
     let file =
         OutFile::create(path, Existing::Replace).map_err(|refused| failed(refused.into_io()))?;
     let Some(temporary) = file.temporary_path() else {

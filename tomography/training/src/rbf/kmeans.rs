@@ -1,5 +1,5 @@
-//! k-means with the same bits on any number of threads: work is divided into fixed chunks whose sums are added in
-//! order.
+//! k-means. The bits of the result do not depend on the number of threads, because work is divided into fixed chunks
+//! whose sums are added in order.
 
 use eit::linear_algebra::{product, squared_distance};
 use faer::MatRef;
@@ -36,9 +36,9 @@ impl<'a> Rows<'a> {
 pub(crate) struct Clusters {
     /// One row per centre.
     pub(crate) centres: Vec<f64>,
-    /// Rounds of assignment.
+    /// Number of rounds of assignment.
     pub(crate) rounds: usize,
-    /// Clusters that became empty and were restarted at the farthest sample.
+    /// Number of clusters that became empty and were restarted at the farthest sample.
     pub(crate) reseeded: usize,
 }
 
@@ -46,9 +46,9 @@ pub(crate) struct Clusters {
 #[derive(Debug, Clone, Copy)]
 struct Assignment {
     cluster: u32,
-    /// Upper bound of the distance from its own centre.
+    /// Upper bound of the distance from the centre of its cluster.
     upper: f64,
-    /// Lower bound of the distance from any other.
+    /// Lower bound of the distance from any other centre.
     lower: f64,
 }
 
@@ -227,7 +227,7 @@ fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Assignment]) -> bool {
     changes.reduce(|| false, |a, b| a | b)
 }
 
-/// Sum and number of the rows of each cluster.
+/// Sum of the rows of each cluster, and their number.
 fn sums(rows: Rows<'_>, places: &[Assignment], count: usize) -> (Vec<f64>, Vec<usize>) {
     let parts: Vec<(Vec<f64>, Vec<usize>)> = rows
         .chunks()

@@ -22,7 +22,7 @@ const CUT: f64 = 1e-10;
 struct Conditioning {
     /// Distance from the nearest centre, in spreads, within which 99.9 % of the samples lie.
     familiar: f64,
-    /// Directions kept.
+    /// Number of singular values that were not dropped.
     rank: usize,
     /// Largest over smallest singular value of Phi, including dropped ones.
     condition: f64,
@@ -30,13 +30,15 @@ struct Conditioning {
     largest_weight: f64,
 }
 
-/// What stands for a ratio to a median of zero, where most pairs are alike: a model file holds finite numbers only.
+/// Stored in place of the ratio to a median of zero (most pairs of samples are equal), because a model file contains
+/// finite numbers only.
 pub(super) const MEDIAN_OF_ZERO: f64 = 1e30;
 const MOST_ROUNDS: usize = 100;
 /// Maximum number of pairs of samples from which the spread is estimated.
 const PAIRS: usize = 1_000_000;
 
-/// Trains an RBF network (Eq. 12 to 15) on a given set; `settings` gives everything else. All jittered inputs are held in memory.
+/// Trains an RBF network (Eq. 12 to 15) on a given set; `settings` contains everything else. All jittered inputs are
+/// held in memory.
 ///
 /// # Errors
 /// See [`TrainError`].
@@ -146,7 +148,8 @@ fn fit(
     if rank == 0 {
         return Err(TrainError::Weights);
     }
-    // coordinates of every case in the directions kept, summed over its repeats, which share one target
+    // coordinates of every case in the directions that were not dropped, summed over the repeats, which have the same
+    // target
     let q = qr.compute_thin_Q();
     let cases = targets.len();
     let coordinates: Vec<f64> = (0..cases)
@@ -203,7 +206,7 @@ fn fit(
     ))
 }
 
-/// Largest entry of W = weights' mixing.
+/// Largest absolute entry of W = transpose(weights) mixing.
 fn largest_product(mixing: &[f64], weights: &[Vec<f64>], neurons: usize) -> f64 {
     let rank = weights.len();
     let weights = DMatrix::from_fn(weights[0].len(), rank, |i, j| weights[j][i]);

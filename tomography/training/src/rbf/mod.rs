@@ -17,7 +17,7 @@ pub use least_squares::train_rbf_on;
 /// Ratio of spread to median distance above which a few samples dominate the spread of Eq. 13.
 pub const SPREAD_RULED: f64 = 10.0;
 
-/// The warning for such a spread.
+/// A warning if the ratio of spread to median distance is more than [`SPREAD_RULED`]; otherwise `None`.
 pub fn spread_note(report: &TrainingReport) -> Option<String> {
     let times = report.spread_over_median;
     (times > SPREAD_RULED).then(|| match times < least_squares::MEDIAN_OF_ZERO {

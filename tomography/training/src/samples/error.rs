@@ -7,7 +7,7 @@ use eit::{ForwardError, ModelError, OneStepError};
 /// Errors of samples.
 #[derive(Debug, thiserror::Error)]
 pub enum SampleError {
-    /// A sample with a number that is not finite: it would spoil every weight.
+    /// A sample with a number that is not finite, which would spoil every weight.
     #[error(
         "{place}: {what} of case {case} is not a finite number; make this part of the set again"
     )]
@@ -33,7 +33,7 @@ pub enum SampleError {
     Unreadable {
         /// The file and the problem.
         place: String,
-        /// The system's error.
+        /// The error of the operating system.
         #[source]
         cause: Box<dyn Error + Send + Sync>,
     },
@@ -64,7 +64,7 @@ pub enum TrainError {
     /// The fitted result is not a valid network.
     #[error("{0}")]
     Network(String),
-    /// The sheet by which maps of held-out cases are judged cannot be solved.
+    /// The model of the sheet for the misfit of maps of held-out cases cannot be prepared.
     #[error("the check of the maps of held-out cases")]
     Check(#[from] OneStepError),
     /// Too few repeats of the baseline.
@@ -75,7 +75,7 @@ pub enum TrainError {
     /// Readings with several currents.
     #[error("noise in volts needs one current for all readings; protocol.csv has several")]
     Currents,
-    /// Every sample is the same.
+    /// All samples are equal.
     #[error("all samples of the training set are alike; more cases or a larger radius are needed")]
     Alike,
     /// The least-squares problem gave numbers that are not finite.

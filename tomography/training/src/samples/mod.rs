@@ -3,8 +3,8 @@
 //!
 //! Choices that the paper leaves open are settings ([`eit::OpenChoices`]). In addition: the vertices of a polygon are
 //! connected in the order of their angles; a triangle belongs to a polygon that contains its centroid (even-odd rule);
-//! fewer than three vertices, or no polygon, give an unchanged sample, which is kept; the forward model limits a loss
-//! of 100 % ([`eit::FLOOR`]).
+//! a polygon with fewer than three vertices changes nothing, and cases without any change remain in the set; the
+//! forward model limits a loss of 100 % ([`eit::FLOOR`]).
 
 mod error;
 mod noise;
@@ -42,7 +42,8 @@ pub type Progress<'a> = &'a (dyn Fn(Stage, usize, usize) + Sync);
 pub struct Sample {
     /// (v - v0) / max|v0| of every reading (Eq. 6).
     pub input: Vec<f32>,
-    /// The non-zero changes (Eq. 7), ascending: (triangle of the region, relative change of its conductance).
+    /// The non-zero changes (Eq. 7), in ascending order: (triangle of the region, relative change of its conductance,
+    /// or with [`eit::ChangeChoice::Absolute`] the change over the mean conductance of the region).
     pub target: Vec<(u32, f32)>,
 }
 
@@ -67,7 +68,7 @@ impl Sample {
     }
 }
 
-/// A set of samples of any size and location: read by index, in any order, by several threads.
+/// A set of samples of any size, in memory or elsewhere: read by index, in any order, by several threads.
 ///
 /// A [`TrainingSet`] is in memory; a [`Simulation`] solves cases on demand; a [`DataSet`](crate::dataset::DataSet) is
 /// in files.
@@ -78,11 +79,11 @@ pub trait Samples: Sync {
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
-    /// Readings of an input.
+    /// Number of readings of an input.
     fn inputs(&self) -> usize {
         self.baseline().len()
     }
-    /// Triangles of the region.
+    /// Number of triangles of the region.
     fn outputs(&self) -> usize;
     /// The unloaded readings at 1 A, V.
     fn baseline(&self) -> &[f64];
@@ -93,7 +94,7 @@ pub trait Samples: Sync {
     fn sample(&self, case: usize) -> Result<Sample, SampleError>;
 }
 
-/// The target as a row with `outputs` numbers.
+/// The target as a row of `outputs` numbers, zero where nothing changed.
 pub fn dense_target(target: &[(u32, f32)], outputs: usize) -> Vec<f32> {
     let mut row = vec![0.0; outputs];
     for &(unknown, change) in target {

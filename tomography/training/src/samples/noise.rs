@@ -14,9 +14,9 @@ pub struct Noise {
 
 #[derive(Debug, Clone)]
 enum Kind {
-    /// Deviations, used in turn by the copies of a case.
+    /// One standard deviation or several, used in turn by the copies of a case.
     White(Vec<Normal<f64>>),
-    /// Rows whose random combinations have a covariance, and white noise beside them.
+    /// Rows whose random combinations have the covariance of the noise, plus white noise.
     Rows {
         rows: Vec<Vec<f64>>,
         white: Option<Normal<f64>>,
@@ -159,7 +159,7 @@ impl Noise {
         Ok(())
     }
 
-    /// Root mean square over readings and levels, in units of the normalised input.
+    /// Root mean square of the noise over readings and levels, in units of the normalised input.
     pub fn size(&self) -> f64 {
         match &self.kind {
             Kind::White(levels) => {
@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn measured_jitter_has_the_repeats_covariance() {
-        // two correlated readings, one anticorrelated with them, one constant
+        // two correlated readings, a third anticorrelated with them, and a constant one
         let volts: Vec<Vec<f64>> = (0..40)
             .map(|k| {
                 let wave = 1e-6 * f64::from((k * 7 % 11) - 5);

@@ -10,7 +10,7 @@ use super::{Noise, Progress, Sample, SampleError, Samples, Sparse, Stage, TrainE
 pub struct TrainingSet {
     /// Readings of the baseline at 1 A.
     pub baseline: Vec<f64>,
-    /// Triangles of the region.
+    /// Number of triangles of the region.
     outputs: usize,
     /// Normalised inputs (Eq. 6), one row per case.
     pub(crate) inputs: Vec<f32>,
@@ -49,7 +49,7 @@ impl TrainingSet {
         })
     }
 
-    /// Eq. 8: `repeats` copies of the inputs, each with its own noise.
+    /// Eq. 8: `repeats` copies of the inputs, one after another, each with its own noise.
     pub(crate) fn jittered(&self, repeats: usize, noise: &Noise) -> Vec<f32> {
         let (width, cases) = (self.baseline.len(), self.targets.len());
         let mut inputs = self.inputs.repeat(repeats);

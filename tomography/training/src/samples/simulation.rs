@@ -15,7 +15,7 @@ use super::{Purpose, Sample, SampleError, Samples, Sparse, TrainError, check, st
 
 /// Cases of Algorithm 1 on a mesh, solved on demand.
 ///
-/// Case c depends on the settings and c only, so parts of a set can be made anywhere with the same bits.
+/// Case c depends on the settings and c only, so parts of a set have the same bits on any machine.
 pub struct Simulation {
     forward: Forward,
     protocol: Protocol,
@@ -29,7 +29,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Of a case's sheet without load.
+    /// A simulation with the unloaded conductance of `case`.
     ///
     /// # Errors
     /// As [`Simulation::new`].
@@ -143,10 +143,10 @@ impl Samples for Simulation {
 
 /// The region of interest, for drawing cases.
 pub(super) struct Region {
-    /// The area from which centres are drawn: triangles, and cumulative sums of their areas.
+    /// Corners of the triangles from which centres are drawn, m. `areas`: cumulative sums of their areas, m2.
     corners: Vec<[[f64; 2]; 3]>,
     areas: Vec<f64>,
-    /// Of the region's triangles.
+    /// Centroids of the region's triangles, m.
     centroids: Vec<[f64; 2]>,
 }
 
@@ -170,7 +170,7 @@ impl Region {
         }
     }
 
-    /// A uniformly distributed point of the area of centres.
+    /// A uniformly distributed point within the triangles from which centres are drawn.
     fn point(&self, random: &mut ChaCha8Rng) -> [f64; 2] {
         let total = self.areas.last().copied().unwrap_or_default();
         let at = random.random::<f64>() * total;

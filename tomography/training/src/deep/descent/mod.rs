@@ -1,4 +1,4 @@
-//! The state of a network in training: weights, Adam's moments, activations of a batch; and one training step.
+//! The state of a network in training (weights, Adam's moments, activations of a batch), and the training step.
 
 #[cfg(test)]
 mod tests;
@@ -15,7 +15,7 @@ use super::product::{self, PANEL, STRIP, TILE, place, tiled};
 /// Random stream of the initial weights, separate from those of cases and jitter.
 const INITIAL: u64 = 200 << 48;
 
-/// Trained numbers with Adam's two moments.
+/// Trained parameters with Adam's two moments.
 #[derive(Debug, Clone)]
 pub(super) struct Trained {
     pub(super) values: Vec<f32>,
@@ -52,7 +52,7 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// Weights, a row of one entry per input for each output, and biases.
+    /// Row-major weights, one row per output and one column per input; and biases.
     pub(super) fn plain(&self) -> (Vec<f32>, Vec<f32>) {
         (
             product::in_rows(&self.weights.values, self.inputs, self.outputs),
@@ -69,7 +69,7 @@ pub(super) struct Batch {
     pub(super) targets: Vec<(u32, u32, f32)>,
 }
 
-/// The network, and memory for one batch.
+/// The network, and buffers for one batch.
 pub(super) struct Descent {
     /// Scale and shift after the normalisation of the input, if any.
     pub(super) normalisation: Option<[Trained; 2]>,
@@ -82,7 +82,7 @@ pub(super) struct Descent {
     centred: Vec<f32>,
     /// Inputs of each layer, and outputs of the last, in tiles.
     values: Vec<Vec<f32>>,
-    /// Derivatives of the loss with respect to each layer's output before its elu.
+    /// Derivatives of the loss with respect to the output of each layer before its activation (ELU).
     slopes: Vec<Vec<f32>>,
 }
 
@@ -121,7 +121,7 @@ impl Descent {
         }
     }
 
-    /// All trained numbers, in a fixed order.
+    /// All trained parameters, in a fixed order.
     pub(super) fn trained(&self) -> impl Iterator<Item = &Trained> {
         let layers = self
             .layers
@@ -130,7 +130,7 @@ impl Descent {
         self.normalisation.iter().flatten().chain(layers)
     }
 
-    /// The same, mutable.
+    /// All trained parameters in the order of [`Self::trained`], mutable.
     pub(super) fn trained_mut(&mut self) -> impl Iterator<Item = &mut Trained> {
         let layers = self
             .layers
@@ -139,7 +139,7 @@ impl Descent {
         self.normalisation.iter_mut().flatten().chain(layers)
     }
 
-    /// Number of weights and biases.
+    /// Number of trained parameters.
     pub(super) fn parameters(&self) -> usize {
         let normalisation = self.normalisation.iter().flatten();
         let layers = self.layers.iter();
@@ -149,9 +149,9 @@ impl Descent {
                 .sum::<usize>()
     }
 
-    /// Mean loss of a batch (half the squared error of a map, summed over its triangles); the derivatives with respect
-    /// to the output are left in the last of `slopes`. `statistics`, mean and 1 / deviation of each reading, normalise
-    /// the input; without them the statistics of the batch do.
+    /// Mean loss of a batch (half the squared error of a map, summed over its triangles). Stores the derivatives with
+    /// respect to the output in the last entry of `slopes`. `statistics` (mean and 1 / standard deviation of each
+    /// reading) normalise the input; if `None`, the statistics of the batch are used.
     pub(super) fn loss(
         &mut self,
         batch: &Batch,
@@ -202,7 +202,7 @@ impl Descent {
         for &(triangle, sample, change) in &batch.targets {
             errors[place(triangle as usize, sample as usize, strips)] -= change;
         }
-        // samples that only pad the last strip
+        // samples that only pad the last strip have no error
         for (block, rows) in errors.chunks_exact_mut(TILE * STRIP).enumerate() {
             if block % strips == strips - 1 {
                 for row in rows.chunks_exact_mut(STRIP) {
@@ -239,7 +239,7 @@ impl Descent {
                 below.fill(0.0);
                 product::backward(&layer.weights.values, slopes, tile, below);
             };
-            // the derivatives of lower layers use the weights before their step
+            // the derivatives of lower layers are computed with the weights before the step
             if let Some(below) = before.last_mut() {
                 below.resize(inputs.len(), 0.0);
                 below
@@ -307,8 +307,8 @@ impl Descent {
     }
 }
 
-/// Scales each row to mean 0 and deviation 1: with the given mean and 1 / deviation, or its own with `epsilon` added to
-/// the variance.
+/// Scales each row to mean 0 and standard deviation 1: with the given mean and 1 / standard deviation, or with the
+/// row's own, `epsilon` being added to the variance.
 fn normalise(rows: &mut [f32], b: usize, statistics: Option<&[Vec<f32>; 2]>, epsilon: f64) {
     for (index, row) in rows.chunks_exact_mut(b).enumerate() {
         let (mean, inverse) = match statistics {

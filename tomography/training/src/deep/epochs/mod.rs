@@ -1,4 +1,4 @@
-//! The training loop: epochs in random order, the held-out loss after each, the best weights kept.
+//! The training loop: epochs in random order, the held-out loss after each, and the weights of the best epoch.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use super::checkpoint::{self, CheckpointFault, TrainingState};
 use super::descent::{Batch, Descent};
 use crate::samples::{Noise, SampleError, Samples};
 
-/// Held-out cases for measuring the cost of rounding the weights.
+/// Number of held-out cases with which the error by rounding the weights is measured.
 const ROUNDED: usize = 100;
 
 /// Inputs of a deep training.
@@ -20,16 +20,16 @@ pub struct Recipe<'a> {
     pub samples: &'a dyn Samples,
     /// Noise added to each copy of a case.
     pub noise: &'a Noise,
-    /// Jittered copies of each case.
+    /// Number of jittered copies of each case.
     pub repeats: usize,
     /// Layers, batch, rate, epochs.
     pub settings: DeepSettings,
-    /// The same seed gives the same network.
+    /// Seed of the initial weights and of the order of samples.
     pub seed: u64,
     /// Precision of the stored weights.
     pub precision: Precision,
-    /// File of the checkpoint after each epoch, from which a run resumes; and a fingerprint of everything that
-    /// determines the bits.
+    /// File of the checkpoint that is written after each epoch and from which a run resumes; and a hash of everything
+    /// that determines the bits of the result.
     pub checkpoint: Option<(&'a Path, String)>,
 }
 
@@ -43,22 +43,22 @@ pub enum TrainingEvent {
     },
     /// A step is complete.
     Step {
-        /// From 1.
+        /// The epoch, from 1.
         epoch: usize,
         /// Completed steps of this epoch.
         step: usize,
-        /// Steps of an epoch.
+        /// Number of steps of an epoch.
         of: usize,
     },
     /// An epoch is complete.
     Epoch {
-        /// From 1.
+        /// The epoch, from 1.
         epoch: usize,
         /// Mean loss of the training samples.
         training: f64,
         /// Mean loss of the held-out cases.
         held_out: f64,
-        /// Whether this is the smallest held-out loss so far.
+        /// Whether `held_out` is the smallest loss so far.
         best: bool,
     },
 }
@@ -79,16 +79,16 @@ pub enum DeepFault {
         "{cases} cases with {repeats} copies are fewer samples than a batch of {batch}, beside {held_out} held out"
     )]
     Few {
-        /// Cases that are not held out.
+        /// Number of cases that are not held out.
         cases: usize,
-        /// Copies of each.
+        /// Number of copies of each case.
         repeats: usize,
-        /// Samples of a batch.
+        /// Number of samples of a batch.
         batch: usize,
-        /// Cases that are held out.
+        /// Number of held-out cases.
         held_out: usize,
     },
-    /// Every sample is the same.
+    /// All samples are equal.
     #[error("all samples of the training set are alike: more cases or larger loads are needed")]
     Alike,
     /// A sample of the set cannot be read.
@@ -103,7 +103,7 @@ pub enum DeepFault {
         loss: f64,
         /// Step of the epoch.
         step: usize,
-        /// From 1.
+        /// The epoch, from 1.
         epoch: usize,
     },
     /// The checkpoint cannot be written or read.
@@ -177,7 +177,7 @@ pub fn train(
         let epoch = course.epochs + 1;
         let order = feed.order(recipe.seed, epoch);
         let mut sum = 0.0;
-        // samples left over from whole batches are skipped in this epoch
+        // the samples of the last, incomplete batch are skipped in this epoch
         for (step, which) in order.chunks_exact(settings.batch).enumerate() {
             feed.fill(&mut batch, which.par_iter().copied())?;
             let loss = descent.step(&batch, settings.rate(epoch - 1), epsilon);
@@ -259,7 +259,7 @@ fn held_out_loss(
     Ok(sum / kept_back.len() as f64)
 }
 
-/// The loss of empty maps on the held-out cases.
+/// The mean loss of empty maps for the held-out cases.
 fn empty_loss(feed: &JitteredSet<'_>) -> Result<f64, SampleError> {
     let mut sum = 0.0;
     let kept_back = feed.kept_back();
@@ -274,7 +274,8 @@ fn empty_loss(feed: &JitteredSet<'_>) -> Result<f64, SampleError> {
     Ok(sum / kept_back.len() as f64)
 }
 
-/// The network for inference: the normalisation of the input combined to one mean, gain and shift.
+/// The network for inference, with the normalisation of the input combined to one mean, gain and shift for each
+/// reading.
 fn network(descent: &Descent, statistics: &[Vec<f32>; 2]) -> Result<DeepNetwork, DeepFault> {
     let [mean, inverse] = statistics.clone();
     let count = mean.len();
@@ -304,7 +305,7 @@ fn network(descent: &Descent, statistics: &[Vec<f32>; 2]) -> Result<DeepNetwork,
     DeepNetwork::new(mean, gain, shift, layers).map_err(DeepFault::Network)
 }
 
-/// Measures the change by storing the weights in fewer bytes.
+/// Measures the error caused by the lower precision of the stored weights.
 fn rounding(
     exact: &DeepNetwork,
     kept: &DeepNetwork,

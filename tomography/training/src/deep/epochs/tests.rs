@@ -135,7 +135,7 @@ fn a_run_that_was_cut_short_goes_on_to_the_same_bits() {
     };
     let (_, resumed) = part(2, "toy");
     assert_eq!(resumed, None);
-    // a kill during the write of the next checkpoint leaves a torn file, which is never read
+    // a process killed while it wrote the next checkpoint leaves an incomplete file, which is never read
     std::fs::write(path.with_extension("part"), b"torn").unwrap();
     let (trained, resumed) = part(5, "toy");
     assert_eq!(resumed, Some(2));
@@ -171,7 +171,7 @@ fn a_checkpoint_that_cannot_be_written_leaves_the_last_one() {
     };
     part(&path, 1).unwrap();
     let good = std::fs::read(&path).unwrap();
-    // an unwritable path stands for a full disk
+    // an unwritable path in place of a full disk
     let unwritable = folder.path().join("toy.tactus");
     std::fs::copy(&path, &unwritable).unwrap();
     let fault = part(&unwritable, 2).unwrap_err();

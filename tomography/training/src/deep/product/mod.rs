@@ -1,12 +1,12 @@
-//! The three products of a fully connected layer and its step of Adam, on numbers stored in the order in which the
+//! The three products of a fully connected layer and its step of Adam. Numbers are stored in the order in which the
 //! products read them.
 //!
 //! - values of a batch: tiles of [`TILE`] neurons; within a tile, strips of [`STRIP`] samples; within a strip, a row
 //!   per neuron
 //! - weights: panels of [`PANEL`] outputs; within a panel, a row per input
 //!
-//! Neurons are padded to whole tiles and samples to whole strips, with zeros that stay zero because their gradients
-//! are.
+//! Neurons are padded to whole tiles and samples to whole strips with zeros, which remain zero because their gradients
+//! are zero.
 
 mod kernel;
 
@@ -55,7 +55,7 @@ pub(super) fn in_rows(weights: &[f32], inputs: usize, outputs: usize) -> Vec<f32
         .collect()
 }
 
-/// The slopes of a pair of panels, a row per sample; and the sum of each over the samples.
+/// The slopes of a pair of panels transposed to one row per sample, and the sum of each slope over the samples.
 pub(super) fn turn(
     slopes: &[f32],
     pair: usize,

@@ -1,6 +1,6 @@
 //! The innermost loops, for AVX-512, for AVX2 with FMA, and portable: a block of rows and columns stays in registers
-//! during the summation. One core of a Zen 4 runs them at 110 (100) GFLOP/s; a general matrix product reached 60 to 70
-//! for these shapes.
+//! during the summation. One core of a Zen 4 runs them at 110 (AVX2: 100) GFLOP/s; a general matrix product reached 60
+//! to 70 for these shapes.
 //!
 //! The last bits of a result depend on the machine's instruction set, never on the number of threads.
 #![allow(unsafe_code)]
@@ -25,12 +25,14 @@ macro_rules! best {
     }};
 }
 
-/// Y += W X for one tile of outputs: `weights` its panels, `inputs` all tiles, `outputs` the tile.
+/// Y += W X for one tile of outputs. `weights`: the panels of this tile; `inputs`: all tiles of X; `outputs`: the tile
+/// of Y.
 pub(in super::super) fn forward(weights: &[f32], inputs: &[f32], outputs: &mut [f32]) {
     best!(forward(weights, inputs, outputs))
 }
 
-/// dX += W' dY for tile `tile` of the inputs: all `weights`, `slopes` dY all tiles, `outputs` the tile.
+/// dX += W' dY for tile `tile` of the inputs. `weights`: all of W; `slopes`: all tiles of dY; `outputs`: the tile of
+/// dX.
 pub(in super::super) fn backward(
     weights: &[f32],
     slopes: &[f32],
@@ -40,13 +42,13 @@ pub(in super::super) fn backward(
     best!(backward(weights, slopes, tile, outputs))
 }
 
-/// dW' = X dY' for a tile of inputs and a pair of panels: `turned` has a row of both panels' slopes per sample,
-/// `inputs` is the tile; `gradient` holds one panel after the other.
+/// dW' = X dY' for a tile of inputs and a pair of panels. `turned`: one row per sample with the slopes of both panels;
+/// `inputs`: the tile; `gradient`: first one panel, then the other.
 pub(in super::super) fn gradient(turned: &[f32], inputs: &[f32], gradient: &mut [f32]) {
     best!(gradient(turned, inputs, gradient))
 }
 
-/// One step of Adam with beta1, beta2, rate and epsilon; equally long slices.
+/// One step of Adam; `constants` are beta1, beta2, rate and epsilon; all slices have the same length.
 pub(in super::super) fn adam(
     constants: [f32; 4],
     values: &mut [f32],
@@ -69,7 +71,7 @@ macro_rules! kernels {
             const VECTORS: usize = 2;
             /// Columns of a block in registers.
             const PART: usize = VECTORS * $lanes;
-            /// Its rows.
+            /// Rows of a block.
             const ROWS: usize = $rows;
             type Block = [[$vector; VECTORS]; ROWS];
 

@@ -10,7 +10,7 @@ fn wave(count: usize, step: f32) -> Vec<f32> {
     (0..count).map(|i| (i as f32 * step).sin()).collect()
 }
 
-/// Rows of SAMPLES in the layout of a batch.
+/// Converts rows of SAMPLES entries to the layout of a batch.
 fn laid(plain: &[f32]) -> Vec<f32> {
     let neurons = plain.len() / SAMPLES;
     let mut values = vec![0.0; tiled(neurons) * STRIPS * STRIP];
@@ -103,7 +103,7 @@ fn products_equal_their_formulas_in_every_instruction_set() {
     check((portable::forward, portable::backward, portable::gradient));
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-        // SAFETY of the three: the features were detected above.
+        // SAFETY: for all three calls the features were detected above.
 
         check((
             |w, x, y| unsafe { half_wide::forward(w, x, y) },
