@@ -1,8 +1,9 @@
-//! Archives a week of many machines into one PostgreSQL and one folder, and measures it:
-//! `cargo run --release -p tactus-archive --example many_machines -- [MACHINES] [DAYS] [PERIOD_S]`, by default 100 machines,
-//! 7 days, a frame of 598 readings every 10 s. Each day has 20 events, 4 of them of alarms. Then it says what the tables of 10,000
-//! machines would grow by, from the bytes of a row that it measured. All machines have the same frames: their files are links, so that the
-//! disk holds the record once and the store once for each machine (3 GB).
+//! Archives a week of many machines into one PostgreSQL database and one folder, and measures it:
+//! `cargo run --release -p tactus-archive --example many_machines -- [MACHINES] [DAYS] [PERIOD_S]`, by default 100
+//! machines, 7 days, a frame of 598 readings every 10 s.
+//! Each day has 20 events, 4 of them of alarms. From the measured bytes of a row it extrapolates the growth of the
+//! tables for 10,000 machines. All machines have the same frames: their files are links, so that the disk holds the
+//! record once and the store once for each machine (3 GB).
 
 #[expect(dead_code, reason = "the rest is for other measurements")]
 #[path = "../../logbook/tests/example_frames/noisy.rs"]
@@ -23,17 +24,17 @@ use server::{DATABASE, OWNER, PASSWORD, Server};
 
 type Fault = Box<dyn std::error::Error>;
 
-/// Makes this executable run `tactus-archive`.
+/// An argument that makes this executable run `tactus-archive`.
 const PROGRAM: &str = "program";
 const DAY: u64 = 86_400;
 const SITES: usize = 10;
-/// Pushes at the same time.
+/// Number of simultaneous pushes.
 const WORKERS: usize = 2;
 /// Events that each machine reports, a fifth of them of alarms.
 const EVENTS_A_DAY: u64 = 20;
-/// Machines that are extrapolated to.
+/// Number of machines of the extrapolation.
 const MANY: f64 = 10_000.0;
-/// Passes of the service that are measured, a second apart.
+/// Number of passes of the service that are measured, a second apart.
 const PASSES: u64 = 60;
 
 fn at(second: u64) -> DateTime<Utc> {
@@ -95,7 +96,7 @@ fn measure(machines: usize, days: u64, period: u64) -> Result<(), Fault> {
         found == expected.join("|")
     );
     let began = Instant::now();
-    // the first machines are of different sites
+    // the first machines belong to different sites
     let sites = configs.iter().take(SITES);
     let whole = sites
         .map(|config| Ok(program(config, &["verify"]).output()?.status.success()))
@@ -110,7 +111,8 @@ fn measure(machines: usize, days: u64, period: u64) -> Result<(), Fault> {
     one_machine(&configs[0], &folder.path().join("0"), days)
 }
 
-/// Rows and bytes of each table as they are here, after `machine_days` days of one machine, and for many machines a day.
+/// Prints the rows and bytes of each table as measured, after `machine_days` days of one machine, and for many
+/// machines a day.
 fn on_paper(server: &Server, machine_days: f64) -> Result<(), Fault> {
     server.sql("VACUUM ANALYZE");
     let sizes = "SELECT c.relname, s.n_live_tup, pg_table_size(c.oid), pg_indexes_size(c.oid)
@@ -141,7 +143,7 @@ fn on_paper(server: &Server, machine_days: f64) -> Result<(), Fault> {
     Ok(())
 }
 
-/// A session in daily parts with a row of quantities a minute; returns its frames.
+/// Records a session in daily parts with a row of quantities a minute; returns its number of frames.
 fn record(folder: &Path, days: u64, period: u64) -> Result<u64, Fault> {
     let mut rig = Rig::new(Digits::Tenths, 1);
     std::fs::create_dir(folder)?;
@@ -193,7 +195,7 @@ fn minute_of(folder: &Path, minute: u64) -> Result<(), Fault> {
     Ok(append_quantities(folder, "week", &json)?)
 }
 
-/// Sites, roles, a record and a configuration for each machine.
+/// Creates sites, roles, and a record and a configuration for each machine.
 fn prepare(
     server: &Server,
     folder: &Path,
@@ -305,7 +307,7 @@ fn used(child: &Child) -> Result<(f64, u64), Fault> {
     Ok((ticks as f64 / 100.0, 1024 * kilobytes))
 }
 
-/// The service on one machine whose record grows by a row of quantities between two passes.
+/// Measures the service on one machine whose record grows by a row of quantities between two passes.
 fn one_machine(config: &Path, record: &Path, days: u64) -> Result<(), Fault> {
     let mut service = program(config, &["run"]).spawn()?;
     std::thread::sleep(Duration::from_secs(5));

@@ -1,5 +1,5 @@
-//! The cache of sessions fetched for reading: a folder `SITE/DAQ/SESSION` for each. Where all together are larger than allowed, the
-//! sessions that were read longest ago are removed, but none that a program reads.
+//! The cache of sessions fetched for reading: a folder `SITE/DAQ/SESSION` for each. If their total size exceeds the
+//! limit, the least recently read sessions are removed, except those that a program is reading.
 
 use std::fs::{DirBuilder, File};
 use std::io;
@@ -17,7 +17,7 @@ pub struct InUse {
     _folder: Arc<File>,
 }
 
-/// The folder of a session in the cache, made if it is not there, and kept in use.
+/// The folder of a session in the cache, which is created if it is missing and kept while in use.
 ///
 /// # Errors
 /// The cache cannot be written.
@@ -58,8 +58,8 @@ impl Kept {
     }
 }
 
-/// Removes sessions, the one that was read longest ago first, until the others have so many bytes at most. One in use stays.
-/// Returns the bytes that were removed. Another program may do the same at the same time.
+/// Removes the least recently read sessions until the others have at most this number of bytes. Sessions in use are
+/// kept. Returns the number of bytes removed. Another program may do the same at the same time.
 ///
 /// # Errors
 /// The cache cannot be read, or a file in it cannot be removed.
@@ -67,7 +67,7 @@ pub(crate) fn prune(cache: &Path, most_bytes: u64) -> io::Result<u64> {
     remove_oldest(&sessions(cache)?, most_bytes)
 }
 
-/// The sessions in the cache, the one that was read longest ago first.
+/// The sessions in the cache, the least recently read first.
 fn sessions(cache: &Path) -> io::Result<Vec<Kept>> {
     let mut sessions = Vec::new();
     for site in folders(cache)? {
@@ -104,7 +104,8 @@ fn remove_oldest(sessions: &[Kept], most_bytes: u64) -> io::Result<u64> {
     Ok(removed)
 }
 
-/// Whether a folder is the one at its path: another program may have removed it before a lock was held.
+/// Whether an open folder is still the one at its path: another program may have removed it before the lock was
+/// taken.
 fn is_at(folder: &File, path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|there| {
         folder
@@ -113,7 +114,7 @@ fn is_at(folder: &File, path: &Path) -> bool {
     })
 }
 
-/// `None` for what another program removed since it was listed.
+/// `None` if another program has removed it since it was listed.
 fn still_there<T>(found: io::Result<T>) -> io::Result<Option<T>> {
     match found {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),

@@ -10,10 +10,10 @@ use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject;
 use rustls::{ClientConfig, RootCertStore};
 
-/// Bytes of a file with a secret; a longer one is another file.
+/// Maximum size of a file with a secret, bytes; a larger one is probably a wrong file.
 const LONGEST: u64 = 4096;
 
-/// The text of a file that group and others may not read.
+/// The text of a file, which must not be readable by group and others.
 pub(crate) fn private_file(path: &Path) -> Result<String, String> {
     let wrong = |why: &str| format!("{}: {why}", path.display());
     let found = std::fs::metadata(path).map_err(|error| wrong(&error.to_string()))?;
@@ -29,7 +29,7 @@ pub(crate) fn private_file(path: &Path) -> Result<String, String> {
     text_of(path)
 }
 
-/// The secret of a file, or of the systemd credential of this name; `None` without both.
+/// The secret from a file, or from the systemd credential of this name; `None` if there is neither.
 pub(crate) fn secret(
     file: Option<&Path>,
     credential: &str,
@@ -37,7 +37,7 @@ pub(crate) fn secret(
 ) -> Result<Option<String>, String> {
     match (file, folder) {
         (Some(file), _) => private_file(file).map(Some),
-        // systemd limits who may read it
+        // systemd restricts access to it
         (None, Some(folder)) => {
             let path = PathBuf::from(folder).join(credential);
             path.exists().then(|| text_of(&path)).transpose()
@@ -68,7 +68,7 @@ pub(crate) fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, 
     }
 }
 
-/// TLS that trusts the certificates of a file and nothing else.
+/// A TLS configuration that trusts only the certificates of a file.
 pub(crate) fn trusting(ca: &Path) -> Result<ClientConfig, String> {
     let wrong = |error: rustls::Error| format!("{}: {error}", ca.display());
     let mut roots = RootCertStore::empty();
@@ -82,7 +82,8 @@ pub(crate) fn trusting(ca: &Path) -> Result<ClientConfig, String> {
     Ok(versions.with_root_certificates(roots).with_no_client_auth())
 }
 
-/// Whether an error or one of its causes is of TLS: a certificate that is not trusted, or a peer that does not encrypt.
+/// Whether an error or one of its causes concerns TLS: a certificate that is not trusted, or a peer that does not
+/// encrypt.
 pub(crate) fn is_about_tls(error: &(dyn std::error::Error + 'static)) -> bool {
     std::iter::successors(Some(error), |cause| cause.source()).any(|cause| {
         let inner = cause.downcast_ref::<std::io::Error>();

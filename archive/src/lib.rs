@@ -4,13 +4,11 @@
 //! - **store**: holds the files of parts, each under the hash of its content ([`Store`], [`Directory`])
 //! - **catalogue**: PostgreSQL; which parts there are, their events and alarms, the quantities of each minute
 //!   ([`Catalogue`])
-//! - **receipt**: a file beside a part, written when the store holds it (read back) and the catalogue's row is committed
+//! - **receipt**: a file next to a part, written when the store has it (read back) and the catalogue's row is committed
+//! - **live topics**: the daemon's present state, on an MQTT broker; for display only ([`LiveSettings`])
 //!
-//! - **live topics**: what the daemon reports at present, on an MQTT broker; for display only ([`LiveSettings`])
-//!
-//! [`ArchiveReader`] lists what there is and fetches sessions. [`Uploader`] takes to the archive what it lacks. Every step
-//! may be repeated or interrupted: the key of a part is its
-//! content, and rows are only inserted.
+//! [`ArchiveReader`] lists the content of the archive and fetches sessions. [`Uploader`] archives what is missing.
+//! Every step may be repeated or interrupted: the key of a part is its content, and rows are only inserted.
 
 mod args;
 mod cache;

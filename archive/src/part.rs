@@ -23,9 +23,9 @@ pub struct Part {
     pub last: Option<DateTime<Utc>>,
     /// How it ended.
     pub closing: Closing,
-    /// What happened.
+    /// Its events.
     pub events: Vec<Event>,
-    /// The tracked baseline that its session began with, beside the first part.
+    /// The tracked baseline at the start of its session; for the first part only.
     pub tracking: Option<String>,
     /// The file, open.
     pub file: File,
@@ -99,9 +99,11 @@ impl Part {
         let folder = logbook::folder_of(path);
         let tracking = match header.id == header.session() {
             true => match logbook::kept_state(folder, &header.id, StateKind::Tracking) {
-                // a damaged state stays one: it is refused where maps are made again, and the frames are archived
+                // a damaged state is archived as such: it is rejected when maps are computed again, and the frames
+                // are archived
                 Err(damaged @ LogbookError::Damaged { .. }) => Some(damaged.to_string()),
-                // the archive keeps what it gets first: a state that can be read later would never get there
+                // the archive keeps the first version that it receives: a state that can only be read later would
+                // never be archived
                 state => state.map_err(PartError::State)?,
             },
             false => None,

@@ -1,4 +1,4 @@
-//! Reading the archive from a program without a runtime of its own: lists, and sessions fetched into a cache.
+//! Reading the archive from a program without an asynchronous runtime: lists, and sessions fetched into a cache.
 
 use std::path::{Path, PathBuf};
 
@@ -30,12 +30,12 @@ pub enum ReadError {
         "the archive has no session '{0}' that this role may see; `tactus sessions --archive` lists its sessions"
     )]
     NoSuchSession(String),
-    /// Several sessions have it.
+    /// Several sessions have this name.
     #[error("'{name}' stands for several sessions of the archive: {}; write more characters of the name", .found.join(", "))]
     Ambiguous {
         /// The name.
         name: String,
-        /// Whole names of some of them.
+        /// Full names of some of them.
         found: Vec<String>,
     },
     /// The cache cannot be written.
@@ -47,7 +47,7 @@ pub enum ReadError {
         #[source]
         source: std::io::Error,
     },
-    /// What lies beside the parts in the cache cannot be written.
+    /// The files next to the parts in the cache cannot be written.
     #[error(transparent)]
     Record(#[from] LogbookError),
     /// The asynchronous runtime cannot be started.
@@ -58,23 +58,23 @@ pub enum ReadError {
 /// A session in the cache.
 #[derive(Debug, Clone)]
 pub struct FetchedSession {
-    /// Its whole name.
+    /// Its full name.
     pub name: SessionName,
-    /// Its first archived part; the others lie beside it.
+    /// Its first archived part; the others are next to it.
     pub path: PathBuf,
     /// Keeps it in the cache.
     pub in_use: InUse,
 }
 
-/// The archive for reading. Each method opens a new connection, so that a restarted server does no harm. Not to be used from
-/// asynchronous code.
+/// The archive for reading. Each method opens a new connection, so that a restart of the server causes no error. Not
+/// to be used from asynchronous code.
 #[derive(Debug, Clone)]
 pub struct ArchiveReader {
     settings: Settings,
 }
 
 impl ArchiveReader {
-    /// Reads `[archive]` of a configuration; its `site` and `daq` need not be there. Connects to nothing.
+    /// Reads `[archive]` of a configuration; its `site` and `daq` may be missing. Opens no connection.
     ///
     /// # Errors
     /// The configuration is wrong.
@@ -99,13 +99,13 @@ impl ArchiveReader {
         runtime()?.block_on(async { Ok(self.catalogue().await?.machines().await?) })
     }
 
-    /// Fetches what the cache lacks of a session, and compares all of it with the catalogue: parts by their hashes, then the stored
-    /// quantities and the tracked baseline that it began with. Then removes the sessions that were read longest ago, if the cache is
-    /// larger than the configuration allows.
+    /// Fetches the parts of a session that are missing in the cache, and compares everything with the catalogue:
+    /// parts by their hashes, then the stored quantities and the tracked baseline at the start of the session. Then
+    /// removes the least recently read sessions, if the cache is larger than the configuration allows.
     ///
     /// # Errors
-    /// No or several sessions of this name, a part that the store lacks or holds with another content, a cache that cannot be
-    /// written. Every file of the cache is whole then.
+    /// No or several sessions of this name, a part that is missing in the store or has another content, a cache that
+    /// cannot be written. Every file in the cache is then still complete.
     pub fn fetch(&self, wanted: &ArchivedName, cache: &Path) -> Result<FetchedSession, ReadError> {
         runtime()?.block_on(async {
             let catalogue = self.catalogue().await?;
@@ -143,7 +143,7 @@ fn runtime() -> Result<Runtime, ReadError> {
     crate::runtime::runtime().map_err(ReadError::Runtime)
 }
 
-/// The session of a name.
+/// Finds the session of a name.
 pub(crate) async fn found(
     catalogue: &Catalogue,
     wanted: &ArchivedName,
@@ -160,7 +160,7 @@ pub(crate) async fn found(
         })
 }
 
-/// Writes what lies beside the parts of a session.
+/// Writes the files next to the parts of a session: the tracked baseline and the quantities.
 async fn beside(catalogue: &Catalogue, name: &SessionName, folder: &Path) -> Result<(), ReadError> {
     if let Some(state) = catalogue.tracking(name).await? {
         logbook::keep_state(folder, &name.session, StateKind::Tracking, &state)?;
@@ -171,7 +171,7 @@ async fn beside(catalogue: &Catalogue, name: &SessionName, folder: &Path) -> Res
     if there.iter().map(|line| &line.json).eq(&lines) {
         return Ok(());
     }
-    // written under another name first, so that a file of this name is always whole
+    // written under another name first, so that a file of the final name is always complete
     let unfinished = format!("{}_unfinished_{}", name.session, std::process::id());
     let from = logbook::quantities_file(folder, &unfinished);
     let cache = |source| ReadError::Cache {

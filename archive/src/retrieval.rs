@@ -1,4 +1,4 @@
-//! Takes parts out of the archive, and checks what the store holds against the catalogue.
+//! Copies parts from the archive, and compares the content of the store with the catalogue.
 
 use std::path::{Path, PathBuf};
 
@@ -8,13 +8,13 @@ use serde::Serialize;
 use crate::catalogue::ArchivedPart;
 use crate::store::{PartName, Store, StoreError, WholeFileError, write_whole};
 
-/// Why a part cannot be taken out.
+/// Why a part cannot be copied from the archive.
 #[derive(Debug, thiserror::Error)]
 pub enum RetrievalError {
     /// The store refuses.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// What the store holds is not what the catalogue says, or the file cannot be written.
+    /// The content of the store differs from the catalogue, or the file cannot be written.
     #[error("{part}")]
     File {
         /// The part.
@@ -23,17 +23,17 @@ pub enum RetrievalError {
         #[source]
         source: WholeFileError,
     },
-    /// A row of the catalogue would lead to another folder.
+    /// A name in the catalogue could lead out of the folder.
     #[error(
         "'{0}' in the catalogue is not the name of a site, machine, session or part: nothing is read or written"
     )]
     Name(String),
-    /// Another file has its name.
+    /// Another file of its name exists.
     #[error("{} exists already and is not this part: name another folder", .0.display())]
     Exists(PathBuf),
 }
 
-/// Whoever may insert rows chooses their names: none may lead out of a folder.
+/// Checks the names of a part: any role that may insert rows chooses them, and none may lead out of a folder.
 pub(crate) fn check_names(part: &PartName) -> Result<(), RetrievalError> {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
     let is_good = |name: &String| !name.is_empty() && name.len() <= 128 && name.bytes().all(plain);
@@ -44,10 +44,10 @@ pub(crate) fn check_names(part: &PartName) -> Result<(), RetrievalError> {
     }
 }
 
-/// Writes a part to `folder/PART.tactus`, if it is not there; returns its path.
+/// Copies a part to `folder/PART.tactus`, unless it exists there; returns its path.
 ///
 /// # Errors
-/// The store does not hold it, or holds something else; the file cannot be written.
+/// The store lacks the part, or has another content; the file cannot be written; another file of that name exists.
 pub fn pull(
     store: &dyn Store,
     part: &ArchivedPart,
@@ -74,7 +74,7 @@ pub fn pull(
     }
 }
 
-/// What the store holds of a part.
+/// The state of a part in the store.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "state", rename_all = "kebab-case")]
 pub enum Holding {
@@ -85,11 +85,11 @@ pub enum Holding {
         /// Its SHA-256.
         found: String,
     },
-    /// Nothing.
+    /// The store lacks it.
     Missing,
 }
 
-/// Reads a part in the store and compares its hash with the catalogue's.
+/// Reads a part from the store and compares its hash with the catalogue's.
 ///
 /// # Errors
 /// The store cannot be read.

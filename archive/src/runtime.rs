@@ -1,4 +1,4 @@
-//! The runtime of what waits for catalogue, store and daemon.
+//! The asynchronous runtime for waiting for catalogue, store and daemon.
 
 use std::io;
 

@@ -12,7 +12,7 @@ use crate::live::LiveSettings;
 use crate::store::{BucketAccess, Directory, Objects, Store, name_fault};
 use crate::upload::Owner;
 
-/// What `[archive]`, `[mqtt]` and `[record]` say.
+/// Settings from `[archive]`, `[mqtt]` and `[record]`.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// Site and machine.
@@ -41,7 +41,7 @@ pub enum StorePlace {
 }
 
 impl StorePlace {
-    /// The store; nothing is read or written yet.
+    /// Creates the store; nothing is read or written yet.
     ///
     /// # Errors
     /// The address of a bucket cannot be used.
@@ -55,7 +55,7 @@ impl StorePlace {
     }
 }
 
-/// Why there are no settings.
+/// Errors of the settings.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
     /// The file cannot be read.
@@ -84,7 +84,7 @@ impl Settings {
         Self::read_as(path, false)
     }
 
-    /// Reads the configuration of a machine that may only read the archive, and is of no site.
+    /// Reads the configuration of a machine that only reads the archive and belongs to no site.
     ///
     /// # Errors
     /// As [`Settings::read`].
@@ -178,12 +178,12 @@ impl Settings {
     }
 }
 
-/// Region of a server that has none.
+/// Region for a server without regions.
 const REGION: &str = "us-east-1";
 /// Name of the systemd credential with the keys of the bucket.
 const CREDENTIAL: &str = "archive-store-keys";
 
-/// How the bucket of a section is reached; the error names the key that is wrong.
+/// Access to the bucket of a section; the error names the key that is wrong.
 fn bucket(archive: &ArchiveSection) -> Result<BucketAccess, (&'static str, String)> {
     let name = archive.bucket().unwrap_or_default();
     let good = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);

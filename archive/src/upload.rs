@@ -1,6 +1,6 @@
-//! Takes to the archive what it lacks: closed parts of a record, and new lines of quantities.
+//! Archives what is missing: closed parts of a record, and new lines of quantities.
 //!
-//! The catalogue is asked each time; what is remembered here only saves reading files again.
+//! The catalogue is queried in each pass; the cached state only avoids reading files again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use crate::catalogue::{Catalogue, CatalogueError};
 use crate::part::Part;
 use crate::store::{Store, StoreError};
 
-/// Whose record it is.
+/// Site and machine of a record.
 #[derive(Debug, Clone)]
 pub struct Owner {
     /// The site.
@@ -23,11 +23,11 @@ pub struct Owner {
     pub daq: String,
 }
 
-/// What happened to a part or to the quantities of a session.
+/// Result for a part or for the quantities of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "what", rename_all = "kebab-case")]
 pub enum Step {
-    /// The archive has taken a part.
+    /// The part was archived.
     Archived {
         /// The part.
         part: String,
@@ -38,7 +38,7 @@ pub enum Step {
         /// Frames in it.
         frames: u64,
     },
-    /// The archive has it; the receipt was missing.
+    /// The part was archived before; its missing receipt was written.
     Receipt {
         /// The part.
         part: String,
@@ -50,7 +50,7 @@ pub enum Step {
         /// How many.
         lines: u64,
     },
-    /// A part that is not archived, or has no receipt; the others are.
+    /// A part is not archived, or has no receipt; the other parts are not affected.
     Problem {
         /// The part or file.
         part: String,
@@ -59,7 +59,7 @@ pub enum Step {
     },
 }
 
-/// Why the whole pass ended.
+/// Why a whole pass ended.
 #[derive(Debug, thiserror::Error)]
 pub enum UploadError {
     /// The record cannot be read.
@@ -74,7 +74,7 @@ pub enum UploadError {
 }
 
 impl UploadError {
-    /// Whether the same may succeed later without a change of the configuration.
+    /// Whether a retry may succeed without a change of the configuration.
     pub fn is_temporary(&self) -> bool {
         match self {
             Self::Record(_) => true,
@@ -84,18 +84,18 @@ impl UploadError {
     }
 }
 
-/// How far record and archive agree.
+/// Comparison of record and archive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Status {
     /// Closed parts of the record.
     pub closed: usize,
-    /// Those of them that the catalogue has.
+    /// Those of them that are in the catalogue.
     pub archived: usize,
-    /// Ids of those that it lacks.
+    /// Ids of those that are missing in the catalogue.
     pub missing: Vec<String>,
-    /// Sessions that are recorded now, or were not closed.
+    /// Open parts: of sessions being recorded, or that were not closed.
     pub open: usize,
-    /// Lines of quantities that the catalogue lacks.
+    /// Lines of quantities that are missing in the catalogue.
     pub missing_lines: u64,
 }
 
@@ -108,7 +108,7 @@ pub struct Uploader {
     folder: PathBuf,
     owner: Owner,
     index: Index,
-    /// Files of quantities that the catalogue has, with its number of the last line.
+    /// Files of quantities that are completely in the catalogue, with the number of their last line.
     complete: BTreeMap<String, (Stamp, u64)>,
 }
 
@@ -131,7 +131,8 @@ impl Uploader {
         }
     }
 
-    /// Compares the record with the catalogue; changes nothing. What cannot be read is reported as in [`Uploader::pass`] and left out.
+    /// Compares the record with the catalogue; changes nothing. Files that cannot be read are reported as in
+    /// [`Uploader::pass`] and left out.
     ///
     /// # Errors
     /// The record cannot be listed, or the catalogue refuses.
@@ -164,8 +165,8 @@ impl Uploader {
         })
     }
 
-    /// Takes everything to the archive that it lacks, the oldest first; reports each step. A damaged part, and quantities
-    /// that cannot be read, are reported and do not hold up the others.
+    /// Archives everything that is missing, oldest first; reports each step. A damaged part, and quantities that
+    /// cannot be read, are reported and do not delay the others.
     ///
     /// # Errors
     /// Store or catalogue refuse; what was done before stays, and the next pass continues.
@@ -221,7 +222,7 @@ impl Uploader {
             let Some(sha256) = known.get(&part.id) else {
                 continue;
             };
-            // the receipt of the first part that is there is of the quantities of its session too
+            // the receipt of the first existing part also covers the quantities of its session
             let is_first = first.get(part.session.as_str()) == Some(&part.id.as_str());
             if is_first && unread.contains(&part.session) {
                 continue;
@@ -238,7 +239,7 @@ impl Uploader {
         Ok(())
     }
 
-    /// The closed parts, the sessions of all parts, and how many parts are open. Reports files that cannot be read.
+    /// The closed parts, the sessions of all parts, and the number of open parts. Reports files that cannot be read.
     fn listed(
         &mut self,
         report: &mut dyn FnMut(Step),
@@ -273,7 +274,7 @@ impl Uploader {
         Ok((closed, sessions.into_iter().collect(), open))
     }
 
-    /// The quantities of a session that cannot be read.
+    /// The problem of a session whose quantities cannot be read.
     fn unread(&self, session: &str, error: &LogbookError) -> Step {
         Step::Problem {
             part: quantities_file(&self.folder, session).display().to_string(),
@@ -303,7 +304,7 @@ impl Uploader {
             .await
     }
 
-    /// One part with its events, and the quantities of its session. The inner error is of this part only.
+    /// Archives one part with its events, and the quantities of its session. The inner error concerns only this part.
     async fn push(
         &mut self,
         part: &Closed,
@@ -322,7 +323,7 @@ impl Uploader {
             }
             Err(error) => return Err(error.into()),
         }
-        // lines that cannot be read are reported once for the session, when its parts are archived
+        // unreadable lines are reported once for the session, after its parts are archived
         let lines = self.new_lines(&part.session, there).unwrap_or_default();
         match catalogue.enter(&read, &lines).await {
             Ok(()) => {}
@@ -335,7 +336,7 @@ impl Uploader {
         Ok(Ok(read))
     }
 
-    /// The lines of quantities that the catalogue lacks. Remembers files that it has completely.
+    /// The lines of quantities that are missing in the catalogue. Caches which files are complete there.
     fn new_lines(
         &mut self,
         session: &str,
@@ -361,8 +362,8 @@ impl Uploader {
         Ok(lines)
     }
 
-    /// Writes the receipt of an archived part, unless it is there with these lines of quantities; whether it was written. Reads a part
-    /// without a receipt of the file as it is now.
+    /// Writes the receipt of an archived part, unless it exists and covers these lines of quantities; returns whether
+    /// it was written. If there is no receipt of the present file, the part is read.
     fn confirm(&self, part: &Closed, sha256: &str, lines: u64) -> Result<bool, String> {
         let found = std::fs::metadata(&part.path).map_err(|error| error.to_string())?;
         let modified: DateTime<Utc> = found.modified().map_err(|error| error.to_string())?.into();
@@ -386,7 +387,7 @@ impl Uploader {
         Ok(true)
     }
 
-    /// The receipt of a part whose content is that of the archive.
+    /// The receipt of a part, after comparing its content with the archive.
     fn compared(
         &self,
         part: &Closed,
@@ -407,7 +408,8 @@ impl Uploader {
             return Err(conflict.to_string());
         }
         Ok(ArchiveReceipt {
-            // with a clock that was put back, the file is of the future: the receipt is of the file as it is now all the same
+            // if the clock was set back, the modification time is in the future; the receipt is nevertheless valid
+            // for the present file
             at: Utc::now().max(modified),
             sha256: sha256.to_owned(),
             bytes: read.bytes,
@@ -417,7 +419,7 @@ impl Uploader {
     }
 }
 
-/// The first part of each session that is there.
+/// The first existing part of each session.
 fn first_parts(closed: &[Closed]) -> BTreeMap<&str, &str> {
     let number = |id: &str| logbook::part_of(id).1;
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! Connecting to PostgreSQL: the settings, TLS, the password.
+//! Connections to PostgreSQL: settings, TLS, password.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use tokio_postgres_rustls::MakeRustlsConnect;
 use super::error::{CatalogueError, Endpoint};
 use crate::credentials::{is_loopback, secret, trusting};
 
-/// Time for a connection.
+/// Timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(10);
 /// Name of the systemd credential with the password.
 const CREDENTIAL: &str = "archive-password";
@@ -27,7 +27,7 @@ pub struct Access {
     pub password_file: Option<PathBuf>,
 }
 
-/// A connection, and what messages about it name.
+/// A connection, and the names used in messages about it.
 pub(super) async fn connect(access: &Access) -> Result<(Client, Endpoint), CatalogueError> {
     let (mut config, endpoint) = parsed(access)?;
     let file = access.password_file.as_deref();
@@ -56,7 +56,7 @@ where
     T: MakeTlsConnect<Socket> + Send,
     T::Stream: Send + 'static,
 {
-    // the library's limit is one for each address
+    // the timeout of the library applies to each address
     let opened = tokio::time::timeout(2 * CONNECT, config.connect(tls)).await;
     let (client, connection) = opened
         .map_err(|_| CatalogueError::Late {
@@ -64,12 +64,12 @@ where
             seconds: 2 * CONNECT.as_secs(),
         })?
         .map_err(|error| endpoint.not_connected(error))?;
-    // ends with the client; what goes wrong is the result of the statement that runs
+    // ends with the client; its errors are results of the statement in progress
     tokio::spawn(async move { drop(connection.await) });
     Ok(client)
 }
 
-/// The configuration of the library, and the names for messages.
+/// The configuration of the library, and the names used in messages.
 fn parsed(access: &Access) -> Result<(Config, Endpoint), CatalogueError> {
     let wrong = |why: String| CatalogueError::Dsn(why);
     let mut config: Config = access.dsn.parse().map_err(|error: tokio_postgres::Error| {

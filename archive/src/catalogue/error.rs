@@ -1,4 +1,4 @@
-//! Why the catalogue refuses, in words that name what to do.
+//! Errors of the catalogue, with texts that name the remedy.
 
 use std::error::Error;
 use std::time::Duration;
@@ -7,10 +7,10 @@ use tokio_postgres::error::SqlState;
 
 use crate::credentials::is_about_tls;
 
-/// Time for one answer of the server.
+/// Timeout of one reply of the server.
 const ANSWER: Duration = Duration::from_secs(60);
 
-/// Why the catalogue refuses.
+/// Errors of the catalogue.
 #[derive(Debug, thiserror::Error)]
 pub enum CatalogueError {
     /// The text of `dsn` is wrong.
@@ -19,7 +19,7 @@ pub enum CatalogueError {
     /// The file of certificates is wrong.
     #[error("archive.ca: {0}")]
     Ca(String),
-    /// The password cannot be had.
+    /// The password cannot be read.
     #[error("archive.password_file: {0}")]
     Password(String),
     /// The server cannot be reached.
@@ -82,9 +82,9 @@ pub enum CatalogueError {
         "the catalogue has version {has}, this program knows {knows}: update tactus-archive on this machine"
     )]
     Newer {
-        /// What the database has.
+        /// Version of the database.
         has: i32,
-        /// What this program has.
+        /// Version of this program.
         knows: i32,
     },
     /// The role lacks rights.
@@ -117,7 +117,7 @@ pub enum CatalogueError {
         /// The role.
         role: String,
     },
-    /// A part of this name is there with another content.
+    /// A part of this name exists with another content.
     #[error(
         "{part} is in the archive with another content (SHA-256 {archived}, this file has {found}): one of them was altered, or two machines use the name {site}/{daq}; the archive keeps its copy"
     )]
@@ -133,7 +133,7 @@ pub enum CatalogueError {
         /// Hash of this file.
         found: String,
     },
-    /// No answer in time.
+    /// No reply in time.
     #[error("PostgreSQL at {place} did not reply within {seconds} s")]
     Late {
         /// Hosts and port.
@@ -153,7 +153,7 @@ pub enum CatalogueError {
 }
 
 impl CatalogueError {
-    /// Whether the same may succeed later without anybody changing the configuration, the roles or the part.
+    /// Whether a retry may succeed without a change of the configuration, the roles or the part.
     pub fn is_temporary(&self) -> bool {
         match self {
             Self::Unreachable { .. } | Self::Late { .. } => true,
@@ -166,7 +166,7 @@ impl CatalogueError {
     }
 }
 
-/// What the messages about a connection name.
+/// The names used in messages about a connection.
 #[derive(Debug, Clone)]
 pub(super) struct Endpoint {
     pub place: String,
@@ -176,7 +176,7 @@ pub(super) struct Endpoint {
 }
 
 impl Endpoint {
-    /// Limits the time of an answer.
+    /// Applies the timeout to a reply.
     pub(super) async fn within<T>(
         &self,
         answer: impl Future<Output = Result<T, tokio_postgres::Error>>,
@@ -206,7 +206,7 @@ impl Endpoint {
                 database: self.database.clone(),
             },
             Some(_) => self.refused(source),
-            // the library gives some of these causes no type of their own
+            // the library has no error type for some of these causes
             None if is_about_tls(&source) || source.to_string().contains("TLS") => {
                 CatalogueError::Untrusted {
                     place,
@@ -253,7 +253,7 @@ impl Endpoint {
 }
 
 fn is_about_password(error: &tokio_postgres::Error) -> bool {
-    // the library gives these causes no type of their own
+    // the library has no error type for these causes
     std::iter::successors(error.source(), |cause| (*cause).source())
         .any(|cause| cause.to_string().contains("password missing"))
 }

@@ -1,11 +1,11 @@
-//! What the catalogue lists: the parts of sites, machines and sessions.
+//! Lists of the catalogue: the parts of sites, machines and sessions.
 
 use serde::Serialize;
 
 use super::{Catalogue, CatalogueError, SessionName};
 use crate::store::PartName;
 
-/// A part as the catalogue has it.
+/// A part in the catalogue.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ArchivedPart {
     /// Its name in the store.
@@ -29,8 +29,8 @@ impl Catalogue {
             .await
     }
 
-    /// The parts of a site, a machine and a session, session by session in the order of their frames; `None` stands for all that
-    /// this role may see.
+    /// The parts of a site, a machine and a session, session by session in the order of their frames. `None` selects
+    /// everything that this role may see.
     ///
     /// # Errors
     /// The server refuses.

@@ -1,4 +1,4 @@
-//! The state of all machines, as far as the catalogue knows it.
+//! The state of all machines according to the catalogue.
 
 use chrono::{DateTime, Utc};
 use serde::Serialize;
@@ -6,7 +6,7 @@ use tokio_postgres::Row;
 
 use super::{Catalogue, CatalogueError};
 
-/// A machine: what it sent last, and its alarms.
+/// A machine: its newest data, and its alarms.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Machine {
     /// Site.
@@ -29,11 +29,11 @@ pub struct Machine {
     pub last_archived: Option<DateTime<Utc>>,
     /// The last minute with quantities.
     pub last_quantity: Option<DateTime<Utc>>,
-    /// Seconds since something of it arrived; `None` where its clock is ahead and it has no part.
+    /// Time since data of it arrived, s; `None` if its clock is ahead and it has no part.
     pub silent_s: Option<f64>,
-    /// How far its clock is ahead of the server's, if it is, s.
+    /// How far its clock is ahead of the server's, s; `None` if it is not.
     pub clock_ahead_s: Option<f64>,
-    /// Share of the frames whose map was known to be true, over the last ten minutes with quantities.
+    /// Share of the frames with a reliable map, over the last ten minutes with quantities.
     pub known: Option<f64>,
     /// Its alarms that are active.
     pub alarms: Vec<String>,
@@ -50,7 +50,7 @@ impl Catalogue {
         let query = "SELECT site, daq, session, simulated, parts, frames, bytes, last_frame, last_archived, last_quantity,
                 silent_s, clock_ahead_s, known, alarms, invalid_alarms
             FROM tactus.machine_state ORDER BY site, daq";
-        // to compile this query takes longer than to run it for a thousand machines
+        // compiling this query takes longer than running it for a thousand machines
         self.within(self.client.batch_execute("SET jit = off"))
             .await?;
         let rows = self.within(self.client.query(query, &[])).await?;

@@ -14,16 +14,16 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("0002-reading", include_str!("migrations/0002-reading.sql")),
 ];
 
-/// Makes the function that turns quantities into a hypertable where there is TimescaleDB.
+/// Creates the function that converts quantities to a hypertable if TimescaleDB is installed.
 const HYPERTABLE: &str = include_str!("migrations/hypertable.sql");
 
-/// Any number: programs that migrate at the same time wait for each other.
+/// Key of the advisory lock; an arbitrary number. Programs that migrate at the same time wait for each other.
 const LOCK: i64 = 0x7461_6374_7573;
 
-/// The version that this program knows.
+/// The version of the tables that this program uses.
 pub(super) const VERSION: i32 = MIGRATIONS.len() as i32;
 
-/// Version of the tables; 0 without any.
+/// Version of the tables; 0 if there are none.
 pub(super) async fn version(
     client: &impl GenericClient,
     endpoint: &Endpoint,
@@ -46,12 +46,12 @@ pub(super) async fn version(
         .get(0))
 }
 
-/// What a migration did.
+/// Result of a migration.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Migration {
-    /// Names of what was applied.
+    /// Names of the migrations applied.
     pub applied: Vec<&'static str>,
-    /// Whether quantities are in a hypertable: `used`, or `refused: ` and why; `None` without TimescaleDB.
+    /// Whether quantities are in a hypertable: `used`, or `refused: ` and the reason; `None` without TimescaleDB.
     pub timescaledb: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! The catalogue of the archive in PostgreSQL: which parts there are, their events, the quantities of each minute.
+//! The catalogue of the archive in PostgreSQL: the parts, their events, the quantities of each minute.
 
 mod connection;
 mod error;
@@ -32,7 +32,7 @@ pub struct Catalogue {
 }
 
 impl Catalogue {
-    /// Connects. The tables must be there for everything but [`Catalogue::migrate`].
+    /// Connects. Everything but [`Catalogue::migrate`] requires the tables.
     ///
     /// # Errors
     /// The settings are wrong, or the server cannot be reached or refuses.
@@ -41,24 +41,24 @@ impl Catalogue {
         Ok(Self { client, endpoint })
     }
 
-    /// For messages: the server.
+    /// Name of the server, for messages.
     pub fn place(&self) -> &str {
         &self.endpoint.place
     }
 
-    /// Creates the tables, or brings them to the version of this program. Quantities become a hypertable where the database has
-    /// TimescaleDB.
+    /// Creates the tables, or updates them to the version of this program. Quantities become a hypertable if
+    /// TimescaleDB is installed in the database.
     ///
     /// # Errors
-    /// No rights, or tables of a later version.
+    /// Missing rights, or tables of a later version.
     pub async fn migrate(&mut self) -> Result<Migration, CatalogueError> {
         migrations::apply(&mut self.client, &self.endpoint).await
     }
 
-    /// Gives a site to a role, which may then add and see its rows.
+    /// Assigns a site to a role, which may then add and read its rows.
     ///
     /// # Errors
-    /// No rights, or the site belongs to another role.
+    /// Missing rights, or the site belongs to another role.
     pub async fn add_site(&self, site: &str, role: &str) -> Result<(), CatalogueError> {
         self.check_version().await?;
         let insert = "INSERT INTO tactus.site (name, role) VALUES ($1, $2::text::name) ON CONFLICT DO NOTHING";
@@ -78,10 +78,11 @@ impl Catalogue {
         self.within(self.client.batch_execute(row.get(0))).await
     }
 
-    /// Checks that the tables are those of this program, and that the site belongs to the role of this connection.
+    /// Checks that the tables have the version of this program, and that the site belongs to the role of this
+    /// connection.
     ///
     /// # Errors
-    /// No tables, other tables, no such site, or a site of another role.
+    /// No tables, tables of another version, no such site, or a site of another role.
     pub async fn check(&self, site: &str) -> Result<(), CatalogueError> {
         self.check_version().await?;
         let state = "SELECT tactus.site_state($1)";
@@ -94,10 +95,10 @@ impl Catalogue {
         }
     }
 
-    /// Checks that the tables are those of this program.
+    /// Checks that the tables have the version of this program.
     ///
     /// # Errors
-    /// No tables, or other ones.
+    /// No tables, or tables of another version.
     pub async fn check_version(&self) -> Result<(), CatalogueError> {
         let has = migrations::version(&self.client, &self.endpoint).await?;
         match has.cmp(&migrations::VERSION) {
@@ -112,7 +113,7 @@ impl Catalogue {
         }
     }
 
-    /// SHA-256 of those of these parts that the catalogue has.
+    /// SHA-256 of each of these parts that the catalogue has, by its name.
     ///
     /// # Errors
     /// The server refuses.
@@ -129,7 +130,7 @@ impl Catalogue {
         Ok(rows.iter().map(|row| (row.get(0), row.get(1))).collect())
     }
 
-    /// Number of the last line of quantities of these sessions; a session without any is left out.
+    /// Number of the last line of quantities of each of these sessions; sessions without lines are left out.
     ///
     /// # Errors
     /// The server refuses.
@@ -139,7 +140,7 @@ impl Catalogue {
         daq: &str,
         sessions: &[&str],
     ) -> Result<BTreeMap<String, u64>, CatalogueError> {
-        // one look into the index for each session
+        // one index lookup for each session
         let query = "SELECT wanted, (SELECT max(line) FROM tactus.quantity WHERE site = $1 AND daq = $2 AND session = wanted)
                      FROM unnest($3::text[]) AS wanted";
         let rows = self
@@ -152,11 +153,11 @@ impl Catalogue {
         Ok(lines.collect())
     }
 
-    /// Enters a part that the store holds, with its events and new lines of quantities of its session: all or nothing.
-    /// A part that is there with the same content changes nothing.
+    /// Enters a stored part with its events and the new lines of quantities of its session, in one transaction. A
+    /// part that is already entered with the same content changes nothing.
     ///
     /// # Errors
-    /// The part is there with another content, or the server refuses.
+    /// The part is entered with another content, or the server refuses.
     pub async fn enter(
         &mut self,
         part: &Part,
@@ -176,7 +177,7 @@ impl Catalogue {
         server.within(transaction.commit()).await
     }
 
-    /// Enters lines of quantities of a session: all or nothing.
+    /// Enters lines of quantities of a session, in one transaction.
     ///
     /// # Errors
     /// The server refuses.
@@ -192,7 +193,7 @@ impl Catalogue {
         server.within(transaction.commit()).await
     }
 
-    /// Begins what is entered whole or not at all.
+    /// Begins a transaction.
     async fn begin(&mut self) -> Result<(Transaction<'_>, &Endpoint), CatalogueError> {
         let server = &self.endpoint;
         let transaction = server.within(self.client.transaction()).await?;

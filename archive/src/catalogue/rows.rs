@@ -1,4 +1,4 @@
-//! Inserting the rows of a part. Every statement may be repeated: rows that are there stay as they are.
+//! Inserts the rows of a part. Every statement may be repeated: existing rows are not changed.
 
 use chrono::{DateTime, Utc};
 use logbook::QuantityLine;
@@ -8,10 +8,10 @@ use tokio_postgres::Transaction;
 use super::error::{CatalogueError, Endpoint};
 use crate::part::Part;
 
-/// Rows of a statement.
+/// Maximum number of rows in one statement.
 const ROWS: usize = 1000;
 
-/// PostgreSQL stores no zero bytes in texts.
+/// Replaces zero bytes, which PostgreSQL cannot store in texts.
 fn storable(text: &str) -> String {
     text.replace('\0', "\u{fffd}")
 }
@@ -117,7 +117,7 @@ pub(super) async fn part(
     }
 }
 
-/// The alarm and its change, of an event `NAME: text` of the kinds of alarms.
+/// The alarm and its change, from the kind of an alarm's event and its text `NAME: text`.
 fn alarm_of<'a>(kind: &'a str, text: &'a str) -> Option<(&'a str, &'a str)> {
     let change = match kind {
         "trouble" => "active",
@@ -203,7 +203,7 @@ pub(super) async fn quantities(
     for chunk in lines.chunks(ROWS) {
         let (mut numbers, mut begins, mut spans) = (Vec::new(), Vec::new(), Vec::new());
         for line in chunk {
-            // a line of a later version may be another kind of row: its number stays without a row
+            // a line of a later version may be another kind of row: it is skipped
             let Ok(span) = serde_json::from_str::<Value>(&line.json) else {
                 continue;
             };

@@ -1,4 +1,4 @@
-//! The sessions of the catalogue: found by name, listed, and what is needed to read one elsewhere.
+//! The sessions of the catalogue: search by name, lists, and the data for reading one elsewhere.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,10 +11,11 @@ use super::{Catalogue, CatalogueError};
 
 /// The name that stands for the newest session.
 const LAST: &str = "last";
-/// Names of an ambiguous one that are shown.
+/// Maximum number of names shown for an ambiguous one.
 const SHOWN: i64 = 5;
 
-/// A session as a person names it: `SITE/DAQ/SESSION` or `SESSION`, where SESSION is an id, the beginning of one, or `last`.
+/// A session as a person names it: `SITE/DAQ/SESSION` or `SESSION`, where SESSION is an id, the beginning of one, or
+/// `last`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ArchivedName {
     site: Option<String>,
@@ -59,7 +60,7 @@ impl fmt::Display for ArchivedName {
 }
 
 impl ArchivedName {
-    /// The same of this site and machine, where it names none.
+    /// The same name, with this site and machine if it has none.
     pub fn within(mut self, site: Option<&str>, daq: Option<&str>) -> Self {
         self.site = self.site.or(site.map(str::to_owned));
         self.daq = self.daq.or(daq.map(str::to_owned));
@@ -67,7 +68,7 @@ impl ArchivedName {
     }
 }
 
-/// The whole name of a session: session ids are those of one machine only.
+/// The full name of a session: session ids are unique within a machine only.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SessionName {
     /// Site.
@@ -87,19 +88,19 @@ impl fmt::Display for SessionName {
 /// Which sessions are listed.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SessionFilter {
-    /// Of this site; of all that this role may see if `None`.
+    /// Of this site; `None` for all sites that this role may see.
     pub site: Option<String>,
-    /// Of this machine.
+    /// Of this machine; `None` for all.
     pub daq: Option<String>,
     /// With a part that ended at this time or later.
     pub from: Option<DateTime<Utc>>,
     /// With a part that began before this time.
     pub to: Option<DateTime<Utc>>,
-    /// At most so many, the newest.
+    /// Maximum number of sessions; the newest are listed.
     pub most: Option<u32>,
 }
 
-/// A session over its archived parts.
+/// A session, summarised over its archived parts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ArchivedSession {
     /// Site.
@@ -124,7 +125,7 @@ pub struct ArchivedSession {
     pub simulated: bool,
     /// When the last archived part was closed.
     pub closed_at: DateTime<Utc>,
-    /// Why.
+    /// Why it was closed.
     pub reason: String,
     /// Whether the session ended, and no part is missing.
     pub complete: bool,
@@ -136,12 +137,12 @@ pub struct ArchivedSession {
     pub note: String,
 }
 
-/// Why a name stands for no session.
+/// Why a name identifies no session.
 #[derive(Debug)]
 pub(crate) enum Unfound {
-    /// None has it.
+    /// No session has this name.
     None,
-    /// The first of several.
+    /// Several sessions have it; some of them.
     Several(Vec<SessionName>),
 }
 
@@ -175,7 +176,7 @@ impl Catalogue {
             .within(self.client.query(named, &[site, daq, session, &SHOWN]))
             .await?;
         let mut found: Vec<SessionName> = rows.iter().map(name).collect();
-        // the whole id of one counts before the beginnings of others
+        // an exact match takes precedence over prefixes
         let whole = found
             .iter()
             .filter(|found| found.session == *session)
@@ -241,7 +242,7 @@ impl Catalogue {
         Ok(rows.iter().rev().map(session).collect())
     }
 
-    /// The stored rows of quantities of a session as they were recorded, in order.
+    /// The stored rows of quantities of a session, unchanged, in order.
     pub(crate) async fn quantity_lines(
         &self,
         of: &SessionName,
@@ -253,7 +254,7 @@ impl Catalogue {
         Ok(rows.iter().map(|row| row.get(0)).collect())
     }
 
-    /// The tracked baseline that a session began with; `None` if it began without one.
+    /// The tracked baseline at the start of a session; `None` if there was none.
     pub(crate) async fn tracking(
         &self,
         of: &SessionName,

@@ -1,5 +1,6 @@
-//! Publishes the newest messages. A connection begins with all of them; then a few are under way at a time, and the next are taken
-//! when the broker has acknowledged these: a broker that is slow, frozen or away misses messages and never gets old ones.
+//! Publishes the newest messages. A new connection receives the newest message of every topic. A few messages are in
+//! flight at a time, and the next ones are sent when the broker has acknowledged these: a broker that is slow, frozen
+//! or offline misses messages and never receives old ones.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -18,11 +19,11 @@ use super::LiveSettings;
 use super::latest::{Latest, Message};
 use super::topics::Topics;
 
-/// Messages under way.
+/// Maximum number of messages in flight.
 const WINDOW: usize = 16;
 /// Seconds after which an idle connection is tested.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
-/// A connection on which nothing happens for that much longer is given up.
+/// A connection without traffic for this much longer is closed.
 const GRACE: Duration = Duration::from_secs(10);
 /// Longest wait after failures.
 const LONGEST: Duration = Duration::from_secs(60);
@@ -91,7 +92,7 @@ impl Broker {
         }
     }
 
-    /// Why a connection ended, and what to do.
+    /// The cause of the end of a connection, and the remedy.
     fn cause(&self, fault: &ConnectionError) -> String {
         let place = &self.place;
         let cause = survey::error_chain(fault);
@@ -126,7 +127,7 @@ impl Broker {
     }
 }
 
-/// Publishes for ever; reports when the broker is lost and found again.
+/// Publishes for ever; reports when the connection to the broker is lost and restored.
 pub(super) async fn deliver(broker: &Broker, latest: &Latest) {
     let (mut wait, mut before) = (Duration::from_secs(1), String::new());
     loop {
@@ -150,10 +151,10 @@ pub(super) async fn deliver(broker: &Broker, latest: &Latest) {
     }
 }
 
-/// One connection; returns why it ended.
+/// Serves one connection; returns why it ended.
 async fn connection(broker: &Broker, latest: &Latest, connected: &mut dyn FnMut()) -> String {
     let (client, mut events) = AsyncClient::new(broker.options.clone(), WINDOW);
-    // what the broker has or is getting
+    // number of the message that was sent, by topic
     let mut sent: BTreeMap<String, u64> = BTreeMap::new();
     let (mut queued, mut under_way) = (VecDeque::new(), BTreeMap::new());
     let mut refused = BTreeSet::new();
@@ -191,7 +192,7 @@ async fn connection(broker: &Broker, latest: &Latest, connected: &mut dyn FnMut(
             }
             Ok(Err(fault)) => return broker.cause(&fault),
             Ok(Ok(Event::Incoming(Packet::ConnAck(answer)))) => {
-                // a broker may ask for another time
+                // a broker may request another interval
                 let asked = answer.properties.and_then(|about| about.server_keep_alive);
                 silence = asked.map_or(KEEP_ALIVE, |s| Duration::from_secs(s.into())) + GRACE;
                 open = true;

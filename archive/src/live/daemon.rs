@@ -1,4 +1,4 @@
-//! Asks the daemon over its bus: in equal periods, and at once after an event.
+//! Queries the daemon over its bus: periodically, and immediately after an event.
 
 use std::pin::pin;
 use std::time::Duration;
@@ -10,11 +10,11 @@ use zbus::Connection;
 use super::latest::Latest;
 use super::topics::{Reported, Topics};
 
-/// Time for an answer of the daemon.
+/// Timeout of a reply of the daemon.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Wait before another connection.
+/// Wait before a reconnection.
 const RETRY: Duration = Duration::from_secs(5);
-/// Events send the messages at most as often.
+/// Minimum time between two updates caused by events.
 const AT_MOST: Duration = Duration::from_secs(1);
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -36,7 +36,7 @@ pub(super) async fn observe(
     }
 }
 
-/// One connection, until it ends.
+/// Serves one connection until it ends.
 async fn connected(
     address: &Address,
     every: Duration,
@@ -60,7 +60,7 @@ async fn connected(
         let asked = timeout(PATIENCE, ask(address, &connection, &manager, &alarms));
         let mut asked = pin!(asked);
         let mut due = began + every;
-        // the events are read while it answers: an unread one would hold up the answer
+        // events are read while the reply is pending, because an unread event would delay it
         let reported = loop {
             tokio::select! {
                 reported = &mut asked => break reported.map_err(late)??,
@@ -77,7 +77,7 @@ async fn connected(
     }
 }
 
-/// Waits until `due`, or shortly after an event; whether there is still a connection.
+/// Waits until `due`, or shortly after an event; returns whether the connection still exists.
 async fn wait(events: &mut HappenedStream, began: Instant, mut due: Instant) -> bool {
     loop {
         tokio::select! {
@@ -102,7 +102,7 @@ async fn ask(
         .as_ref()
         .and_then(|session| session.id.clone());
     let quantities = match session {
-        // it may have ended since, have no map yet, or be a baseline
+        // the session may have ended since, have no map yet, or be a baseline
         Some(id) => {
             let session: Session1Proxy<'_> =
                 dbus::proxy(connection, dbus::session_path(&id)?).await?;

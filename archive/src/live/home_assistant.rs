@@ -1,5 +1,6 @@
-//! The message that makes Home Assistant show a machine as a device: state, health, frames, each alarm, each quantity of each
-//! region. Its templates take the values out of the other topics (MQTT discovery by device, Home Assistant 2024.11 or later).
+//! The message that makes Home Assistant show a machine as a device: state, health, frames, each alarm, each quantity
+//! of each region. Its templates extract the values from the other topics (MQTT discovery by device, which needs Home
+//! Assistant 2024.11 or later).
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,18 +12,18 @@ use serde_json::{Value, json};
 use super::latest::Message;
 use crate::upload::Owner;
 
-/// The announcement of a machine.
+/// Builds the announcement of a machine.
 #[derive(Debug)]
 pub(super) struct HomeAssistant {
     topic: String,
     /// `tactus_SITE_DAQ`.
     device: String,
-    /// For people.
+    /// Name of the device for people.
     name: String,
-    /// The machine's topics.
+    /// Prefix of the machine's topics.
     base: String,
     kept_s: u64,
-    /// Entities so far: one that has no value at present stays.
+    /// Entities so far. An entity is kept while it has no value.
     entities: BTreeMap<String, Value>,
 }
 
@@ -39,7 +40,7 @@ impl HomeAssistant {
         }
     }
 
-    /// Topic and message, for what is reported now and was before.
+    /// Topic and message, with everything that is or was reported.
     pub(super) fn announcement(
         &mut self,
         status: &Status,
@@ -75,7 +76,7 @@ impl HomeAssistant {
         );
         for alarm in alarms {
             let name = &alarm.name;
-            // what cannot be judged is unknown, not well
+            // an alarm that cannot be evaluated is unknown, not off
             let template =
                 "{{ 'ON' if value_json.active else 'OFF' if value_json.level == 'ok' else None }}";
             let label = format!("Alarm {name}");
@@ -143,7 +144,7 @@ impl HomeAssistant {
         (self.topic.clone(), message)
     }
 
-    /// An entity; `more` is added to its description.
+    /// Adds an entity; `more` is merged into its description.
     fn add(
         &mut self,
         id: &str,

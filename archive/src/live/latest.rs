@@ -1,5 +1,5 @@
-//! The newest message of each topic. Nothing else is kept for a broker that does not take messages, so memory stays bounded and no
-//! old message follows an outage.
+//! The newest message of each topic. Nothing else is stored for a broker that accepts no messages, so memory stays
+//! bounded and no old message follows an outage.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,14 +11,14 @@ use tokio::sync::Notify;
 pub(super) struct Message {
     /// JSON.
     pub payload: String,
-    /// Whether it stays at the broker until the next one; the others are deleted there when they are old.
+    /// Whether the broker retains it until the next one; other messages expire there.
     pub lasting: bool,
 }
 
 /// Messages by their topics.
 pub(super) type Messages = BTreeMap<String, Message>;
 
-/// The newest message of each topic, with a number that grows with each change.
+/// The newest message of each topic, with a number that increases with each change.
 #[derive(Debug, Default)]
 pub(super) struct Latest {
     inner: Mutex<Inner>,
@@ -36,7 +36,7 @@ impl Latest {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Replaces all messages. A lasting one that is the same as before is not sent again.
+    /// Replaces all messages. An unchanged lasting message is not sent again.
     pub(super) fn replace(&self, messages: Messages) {
         let mut inner = self.inner();
         let mut before = std::mem::take(&mut inner.messages);
@@ -70,7 +70,7 @@ impl Latest {
             .collect()
     }
 
-    /// Waits until there are other messages than at the last wait.
+    /// Waits until messages have been replaced since the last wait.
     pub(super) async fn changed(&self) {
         self.changed.notified().await;
     }
@@ -103,7 +103,7 @@ mod tests {
         assert_eq!(texts, ["999", "same"]);
         sent.extend(new.into_iter().map(|(topic, number, _)| (topic, number)));
         assert!(latest.unsent(&sent, 10).is_empty());
-        // the same again: what expires at the broker is sent again, what lasts is not
+        // unchanged messages: those that expire at the broker are sent again, lasting ones are not
         latest.replace(
             [
                 ("a".to_owned(), message("999", false)),

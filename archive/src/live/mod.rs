@@ -1,9 +1,10 @@
-//! Live topics: what the daemon reports, published on an MQTT broker. For display only, not a record: a broker may lose messages, and
-//! none is repeated. Nothing here waits for uploads, and no upload waits for this: it has a thread of its own.
+//! Live topics: the daemon's present state, published on an MQTT broker. For display only, not a record: a broker may
+//! lose messages, and none is repeated. Runs in a thread of its own; neither this thread nor uploads wait for each
+//! other.
 //!
-//! - **daemon**: asks the daemon over its bus, as any client does
-//! - **topics**: the messages for its answers; **home_assistant**: the message that announces them there
-//! - **latest**: the newest message of each topic, which is all that is kept
+//! - **daemon**: queries the daemon over its bus, like any client
+//! - **topics**: the messages for its replies; **home_assistant**: the message that announces them to Home Assistant
+//! - **latest**: the newest message of each topic
 //! - **broker**: publishes them
 
 mod broker;
@@ -26,12 +27,12 @@ use topics::Topics;
 
 /// Name of the systemd credential with the password.
 const CREDENTIAL: &str = "mqtt-password";
-/// A message is deleted by the broker after as many periods without the next one.
+/// Number of periods without a newer message after which the broker deletes a message.
 const EXPIRES: u32 = 6;
-/// It is kept at least that long.
+/// Minimum time for which the broker keeps a message.
 const KEPT: Duration = Duration::from_secs(60);
 
-/// Where the live topics are, and what they report.
+/// Broker, topics and source of the live topics.
 #[derive(Debug, Clone)]
 pub struct LiveSettings {
     /// Site and machine.
@@ -42,7 +43,7 @@ pub struct LiveSettings {
     pub host: String,
     /// Its port.
     pub port: u16,
-    /// Certificates that the broker's must be issued by.
+    /// Certificates of the authorities that may issue the broker's certificate.
     pub ca: Option<PathBuf>,
     /// The user at the broker.
     pub user: Option<String>,
@@ -106,11 +107,11 @@ impl LiveSettings {
     }
 }
 
-/// Publishes in a thread of its own until the process ends. Faults of daemon and broker are reported on standard error and end
-/// nothing.
+/// Publishes in a thread of its own until the process ends. Faults of daemon and broker are reported on standard
+/// error and do not end the thread.
 ///
 /// # Errors
-/// Password or certificates cannot be read, or there is no thread; the text names the key.
+/// Password or certificates cannot be read, or the thread cannot be started; the text names the key.
 pub(crate) fn start(settings: LiveSettings) -> Result<(), String> {
     let password = match settings.user {
         None => None,

@@ -11,10 +11,10 @@ use super::home_assistant::HomeAssistant;
 use super::latest::{Message, Messages};
 use crate::upload::Owner;
 
-/// Version of the topics, their second part.
+/// Version of the topics; it is their second part.
 const VERSION: &str = "1";
 
-/// What a daemon has reported.
+/// The state that a daemon has reported.
 pub(super) struct Reported {
     /// Its address.
     pub daemon: String,
@@ -52,7 +52,7 @@ impl Topics {
         self.topic("status")
     }
 
-    /// The message that nothing is known of the machine at present.
+    /// The status message of a machine whose state is unknown at present.
     pub(super) fn offline(why: &str) -> Message {
         let state = serde_json::json!({"state": "offline", "reason": why});
         Message {
@@ -61,7 +61,7 @@ impl Topics {
         }
     }
 
-    /// The only message while the daemon cannot be reached: the others would be old.
+    /// The only message while the daemon cannot be reached, because all others would be outdated.
     pub(super) fn without_daemon(&self, why: &str) -> Messages {
         [(self.status(), Self::offline(why))].into()
     }
@@ -88,7 +88,7 @@ impl Topics {
         ]
         .into();
         for alarm in &alarms {
-            // another name would be of another topic
+            // another name cannot be part of a topic
             if imaging::quantities::is_name(&alarm.name) {
                 messages.insert(self.topic(&format!("alarm/{}", alarm.name)), json(alarm));
             }
@@ -101,7 +101,8 @@ impl Topics {
     }
 }
 
-/// The quantities of a frame, with the frame's own fields first; `None` for a text of a later version that is no object.
+/// The quantities of a frame, with the frame's own fields first; `None` if the text is not an object, from a daemon
+/// of a later version.
 fn of_frame(session: &str, found: LatestQuantities) -> Option<Value> {
     let Ok(Value::Object(fields)) = serde_json::from_str(&found.json) else {
         return None;
@@ -116,7 +117,7 @@ fn of_frame(session: &str, found: LatestQuantities) -> Option<Value> {
     Some(Value::Object(all))
 }
 
-/// A message that is deleted when it is old. A value that is no JSON cannot be: numbers that are not finite are null.
+/// A message that expires. Serialisation to JSON cannot fail: numbers that are not finite become null.
 fn json<T: Serialize>(value: &T) -> Message {
     Message {
         payload: serde_json::to_string(value).unwrap_or_else(|_| "null".to_owned()),

@@ -1,4 +1,4 @@
-//! How a command failed, and its exit code.
+//! Failures of commands, and their exit codes.
 
 use std::process::ExitCode;
 
@@ -11,16 +11,16 @@ use crate::settings::SettingsError;
 use crate::store::StoreError;
 use crate::upload::UploadError;
 
-/// How a command failed, with a text that names what to do.
+/// The failure of a command, with a text that names the remedy.
 #[derive(Debug)]
 pub enum Failure {
-    /// It failed.
+    /// Any other failure.
     Failed(String),
     /// The command line is wrong.
     Usage(String),
     /// There is no such session.
     Missing(String),
-    /// Store or catalogue cannot be reached now.
+    /// Store or catalogue cannot be reached at present.
     Temporary(String),
     /// The configuration is wrong.
     Configuration(String),

@@ -59,10 +59,10 @@ async fn perform(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// A task for another program: prints on standard output.
+/// Runs a task for another program; prints on standard output.
 ///
 /// # Errors
-/// As `tactus-archive` fails.
+/// Those of the commands of `tactus-archive`.
 pub fn perform_task(config: &Path, json: bool, task: &Task) -> Result<(), Failure> {
     let runtime = runtime()?;
     let settings = read_settings(config, task)?;
@@ -73,7 +73,7 @@ fn runtime() -> Result<Runtime, Failure> {
     crate::runtime::runtime().map_err(|error| Failure::Failed(error.to_string()))
 }
 
-/// Only what is recorded on this machine needs a site.
+/// Requires a site only for tasks that concern the record of this machine.
 fn read_settings(config: &Path, task: &Task) -> Result<Settings, Failure> {
     Ok(match task {
         Task::Push | Task::Status => Settings::read(config)?,

@@ -1,4 +1,4 @@
-//! What the commands print: a line of text or of JSON for each thing.
+//! Output of the commands: a line of text or of JSON for each item.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -21,7 +21,7 @@ impl Printer {
         Self { json }
     }
 
-    /// Prints a line at once: a service's journal shows it when it happens.
+    /// Prints a line immediately, so that a service's journal shows it when it happens.
     pub(super) fn line<T: Serialize>(
         &mut self,
         value: &T,
@@ -35,7 +35,7 @@ impl Printer {
         };
         let mut out = std::io::stdout().lock();
         match writeln!(out, "{line}").and_then(|()| out.flush()) {
-            // a closed pipe: the reader has seen enough
+            // a closed pipe is not an error: the reader has finished
             Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
             printed => printed
                 .map_err(|error| Failure::Failed(format!("cannot write the output: {error}"))),

@@ -1,4 +1,4 @@
-//! The service: one pass after the other.
+//! The service: runs one pass after the other.
 
 use std::time::Duration;
 
@@ -14,10 +14,10 @@ use crate::upload::{Step, UploadError, Uploader};
 
 /// Longest wait after failures.
 const LONGEST: Duration = Duration::from_secs(600);
-/// Problems of parts are reported again after as many passes.
+/// Number of passes after which problems of parts are reported again.
 const AGAIN: u32 = 60;
 
-/// Runs passes until the process is ended, which it may be at any time. Ends by itself only if the configuration is wrong.
+/// Runs passes until the process is ended, which is safe at any time. Returns only if the configuration is wrong.
 pub(super) async fn run(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
     let store = settings.store.open()?;
     if let Some(live) = settings.live.clone() {
@@ -40,7 +40,7 @@ pub(super) async fn run(settings: &Settings, printer: &mut Printer) -> Result<()
             &mut |step| {
                 let known = matches!(step, Step::Problem { .. }) && reported.contains(&step);
                 if !known {
-                    // a service goes on without its journal
+                    // a service continues without its output
                     let _ = printer.line(&step, output::step);
                     if matches!(step, Step::Problem { .. }) {
                         reported.push(step);

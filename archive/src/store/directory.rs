@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::whole_file::{WholeFileError, read_back, sync_folder_of, tidy, write_whole};
 use super::{PartName, Store, StoreError, Stored};
 
-/// A folder that exists. Parts appear under their names whole or not at all.
+/// An existing folder. A part appears under its name only when it is complete.
 #[derive(Debug, Clone)]
 pub struct Directory {
     root: PathBuf,
@@ -20,7 +20,7 @@ impl Directory {
         Self { root: root.into() }
     }
 
-    /// The root must exist: an unmounted share must not be taken for an empty store.
+    /// Checks that the root exists: an unmounted share must not be taken for an empty store.
     fn check_root(&self) -> Result<(), StoreError> {
         match self.root.is_dir() {
             true => Ok(()),
@@ -89,12 +89,12 @@ impl Directory {
         }
     }
 
-    /// Compares a part that is there with its name.
+    /// Compares an existing part with the hash in its name.
     fn present(&self, name: &PartName, path: &Path) -> Result<Stored, StoreError> {
         tidy(path);
         let read = read_back(path, &name.sha256);
         let bytes = read.map_err(|error| self.refused(name, error))?;
-        // the process that wrote it may have been killed before this
+        // the process that wrote it may have been killed before it synced the folder
         sync_folder_of(path).map_err(|error| self.refused(name, error))?;
         Ok(Stored {
             bytes,
@@ -187,7 +187,7 @@ mod tests {
         .unwrap();
         directory.put(&name, &mut file).unwrap();
         assert_eq!(files(&session), 1);
-        // altered in the store: reported, and left as evidence
+        // altered in the store: reported, and kept as evidence
         let stored = store.join(name.to_string());
         std::fs::remove_file(&stored).unwrap();
         std::fs::write(&stored, "c0ntent").unwrap();

@@ -1,4 +1,4 @@
-//! Where the files of parts are: the name of a part, and what a store must do.
+//! The store of parts: the name of a part, and the operations of a store.
 
 mod directory;
 mod objects;
@@ -15,8 +15,8 @@ pub use directory::Directory;
 pub use objects::{BucketAccess, Objects};
 pub use whole_file::{WholeFileError, write_whole};
 
-/// The name of a part in a store: `SITE/DAQ/SESSION/PART.SHA256.tactus`. The hash is of the content, so a name never
-/// stands for two contents.
+/// The name of a part in a store: `SITE/DAQ/SESSION/PART.SHA256.tactus`. The hash is that of the content, so a name
+/// never identifies two contents.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct PartName {
     /// The site.
@@ -44,7 +44,7 @@ impl fmt::Display for PartName {
     }
 }
 
-/// What is wrong with a name of a site or a machine; `None` if it can be part of the name of a file everywhere.
+/// What is wrong with the name of a site or a machine; `None` if it can be part of a file name on every system.
 pub fn name_fault(name: &str) -> Option<String> {
     let good =
         |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b"_-".contains(&byte);
@@ -71,24 +71,24 @@ pub struct Stored {
 
 /// A store of parts. Parts are written once: a store never replaces one.
 pub trait Store {
-    /// Stores a part, reads it back and compares its hash with that of the name. A part that is there already is only
-    /// read back.
+    /// Stores a part, reads it back and compares its hash with that of the name. An existing part is only read back.
     ///
     /// # Errors
-    /// The content does not have the hash of the name, on either side; no space; the store cannot be written.
+    /// The content of the source or of the store does not have the hash of the name; no space; the store cannot be
+    /// written.
     fn put(&self, name: &PartName, from: &mut File) -> Result<Stored, StoreError>;
 
     /// Opens a part for reading.
     ///
     /// # Errors
-    /// It is not there, or cannot be read.
+    /// It is missing, or cannot be read.
     fn open(&self, name: &PartName) -> Result<Box<dyn Read + '_>, StoreError>;
 
-    /// For messages: where it is.
+    /// Location of the store, for messages.
     fn place(&self) -> String;
 }
 
-/// Why a store refuses.
+/// Errors of a store.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// No space, or no quota.
@@ -102,7 +102,7 @@ pub enum StoreError {
         #[source]
         source: std::io::Error,
     },
-    /// The file that was read is not the one that was hashed.
+    /// The file that was read differs from the one that was hashed.
     #[error(
         "{name}: the file was changed while it was copied (its SHA-256 is now {found}); nothing was kept"
     )]
@@ -112,7 +112,7 @@ pub enum StoreError {
         /// Hash of what was read.
         found: String,
     },
-    /// What the store holds is not what the name says.
+    /// The content of the store does not match the hash in the name.
     #[error(
         "{name} in the store {place} is damaged: its SHA-256 is {found}; remove that file, and push the part again from where it was recorded"
     )]
@@ -121,10 +121,10 @@ pub enum StoreError {
         place: String,
         /// The part.
         name: String,
-        /// Hash of what the store holds.
+        /// Hash of the content of the store.
         found: String,
     },
-    /// The store takes no file of this size.
+    /// The store accepts no file of this size.
     #[error(
         "{name} has {bytes} bytes, and the store {place} takes {most} at most: copy this part by other means, and lower record.roll_mb, so that later parts are smaller"
     )]
@@ -138,7 +138,7 @@ pub enum StoreError {
         /// The limit, bytes.
         most: u64,
     },
-    /// The store does not hold it.
+    /// The store lacks the part.
     #[error("{name} is not in the store {place}")]
     Missing {
         /// The store.
@@ -185,7 +185,7 @@ pub enum StoreError {
         name: String,
         /// Status of HTTP.
         status: u16,
-        /// The server's word for it.
+        /// The server's error code.
         why: String,
     },
     /// Another error of the system.
@@ -202,7 +202,7 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Whether the cause is this part, so that the store takes others all the same.
+    /// Whether the cause is this part, so that the store may accept other parts.
     pub fn is_of_one_part(&self) -> bool {
         matches!(
             self,
@@ -210,7 +210,7 @@ impl StoreError {
         )
     }
 
-    /// Whether the same may succeed later without anybody changing the configuration or the part.
+    /// Whether a retry may succeed without a change of the configuration or the part.
     pub fn is_temporary(&self) -> bool {
         if let Self::Refused { status, .. } = self {
             // a conflict of two writers, too many requests, a fault of the server

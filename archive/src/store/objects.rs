@@ -13,23 +13,23 @@ use ureq::{Agent, Body, SendBody};
 
 use super::{PartName, Store, StoreError, Stored};
 
-/// For how long a signature is valid: as long as the server may take to begin.
+/// Validity of a signature: the time within which the server must begin to process a request.
 const SIGNED: Duration = Duration::from_secs(900);
-/// Time for a connection, for the answer to a request, and between two blocks.
+/// Timeout of a connection, of the reply to a request, and between two blocks.
 const ANSWER: Duration = Duration::from_secs(60);
-/// Bytes of a request in one piece, the limit of S3.
+/// Maximum size of a single upload, bytes: the limit of S3.
 const LARGEST: u64 = 5 << 30;
 
-/// How a bucket is reached.
+/// Access to a bucket.
 #[derive(Debug, Clone)]
 pub struct BucketAccess {
     /// Address of the server: `https://HOST[:PORT]`; `http` is allowed to this machine only.
     pub endpoint: String,
-    /// Region that requests are signed for.
+    /// Region for which requests are signed.
     pub region: String,
     /// The bucket, addressed as a folder of the server.
     pub bucket: String,
-    /// Certificates (DER) that the server's certificate must be issued by.
+    /// Certificates (DER) of the authorities that may issue the server's certificate.
     pub authorities: Vec<Vec<u8>>,
     /// Name of the key.
     pub key: String,
@@ -37,7 +37,7 @@ pub struct BucketAccess {
     pub secret: String,
 }
 
-/// A bucket. A part is written with `If-None-Match: *`, so that the server refuses to replace one.
+/// A bucket. A part is written with `If-None-Match: *`, so that the server does not replace an existing one.
 #[derive(Debug)]
 pub struct Objects {
     bucket: Bucket,
@@ -47,10 +47,10 @@ pub struct Objects {
 }
 
 impl Objects {
-    /// The store in a bucket that exists.
+    /// The store in an existing bucket.
     ///
     /// # Errors
-    /// The address is not one that may be used.
+    /// An address that cannot or must not be used.
     pub fn new(access: &BucketAccess) -> Result<Self, String> {
         let endpoint = &access.endpoint;
         let url = endpoint.parse().map_err(|fault| {
@@ -118,11 +118,11 @@ impl Objects {
         }
     }
 
-    /// The error of an answer that is not the expected one, with the server's own words.
+    /// The error of an unexpected reply, with the server's own text.
     fn refused(&self, name: &PartName, mut answer: Response<Body>) -> StoreError {
         let status = answer.status();
         let mut text = String::new();
-        // the reason is short; what cannot be read of it is left out
+        // the reason is short; an unreadable rest is ignored
         let _ = answer
             .body_mut()
             .as_reader()
@@ -162,7 +162,7 @@ impl Objects {
         }
     }
 
-    /// The size of a part as the server holds it, if its content is that of its name.
+    /// The size of a part on the server, if its content has the hash of its name.
     fn read_back(&self, name: &PartName) -> Result<u64, StoreError> {
         let mut answer = self.get(name)?;
         let read = sha256_of(answer.body_mut().with_config().limit(u64::MAX).reader());
@@ -181,7 +181,7 @@ impl Objects {
     }
 }
 
-/// The text of an element of an XML answer.
+/// The text of an element of an XML reply.
 fn tagged(text: &str, name: &str) -> Option<String> {
     let (_, rest) = text.split_once(&format!("<{name}>"))?;
     let (inner, _) = rest.split_once(&format!("</{name}>"))?;
@@ -219,7 +219,7 @@ impl Store for Objects {
         let answer = sent.map_err(|fault| self.unreachable(fault))?;
         let existed = match answer.status() {
             status if status.is_success() => false,
-            // there already; some servers answer as if it had been asked for
+            // it exists already; some servers reply as to a conditional GET
             StatusCode::PRECONDITION_FAILED | StatusCode::NOT_MODIFIED => true,
             _ => return Err(self.refused(name, answer)),
         };

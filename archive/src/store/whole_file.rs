@@ -1,4 +1,4 @@
-//! Writes a file that appears under its name whole or not at all, and never in the place of another one.
+//! Writes a file that appears under its name only when it is complete, and never replaces another file.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Write};
@@ -8,19 +8,19 @@ use std::path::{Path, PathBuf};
 use logbook::sha256_of;
 use rustix::fs::{Advice, fadvise};
 
-/// End of the name of a file that is not whole.
+/// End of the name of an incomplete file.
 const UNFINISHED: &str = "unfinished";
 
 /// Why a file was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum WholeFileError {
-    /// The content that came has another hash.
+    /// The content of the source has another hash.
     #[error("the content has SHA-256 {found}, not that of its name; nothing was kept")]
     Source {
-        /// Hash of what came.
+        /// Hash of the content.
         found: String,
     },
-    /// What is on the disk has another hash than what was written.
+    /// The hash of the file on the disk differs from that of the content written.
     #[error("{} was read back with SHA-256 {found}: the disk or the network altered it; nothing was kept", path.display())]
     ReadBack {
         /// The file.
@@ -28,7 +28,7 @@ pub enum WholeFileError {
         /// Hash of what was read.
         found: String,
     },
-    /// There is a file of this name.
+    /// A file of this name exists.
     #[error("{} exists already", .0.display())]
     Exists(PathBuf),
     /// An error of the system.
@@ -44,10 +44,11 @@ pub enum WholeFileError {
     },
 }
 
-/// Writes a file with this SHA-256 and reads it back; returns its size. The folder must exist.
+/// Writes a file with this SHA-256 and reads it back; returns its size, bytes. The folder must exist.
 ///
 /// # Errors
-/// There is a file of this name, the content has another hash, or an error of the system. Nothing is left then.
+/// A file of this name exists, the content has another hash, or an error of the system. Nothing is left in the folder
+/// then.
 pub fn write_whole(from: &mut dyn Read, path: &Path, sha256: &str) -> Result<u64, WholeFileError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let copy = path.with_file_name(format!(
@@ -106,7 +107,8 @@ fn write_copy(
     Ok(bytes)
 }
 
-/// Compares the hash of a file with the wanted one; from the disk and not from memory, as far as the system allows it.
+/// Compares the hash of a file with the expected one; reads from the disk and not from memory, as far as the system
+/// allows it.
 pub(super) fn read_back(path: &Path, sha256: &str) -> Result<u64, WholeFileError> {
     let failed = |source| WholeFileError::Io {
         path: path.to_owned(),
@@ -114,7 +116,7 @@ pub(super) fn read_back(path: &Path, sha256: &str) -> Result<u64, WholeFileError
         source,
     };
     let file = File::open(path).map_err(failed)?;
-    // a hint: a file system that does not know it is read as it is
+    // only a hint; not all file systems support it
     let _ = fadvise(&file, 0, None, Advice::DontNeed);
     let (found, bytes) = sha256_of(file).map_err(failed)?;
     match found == sha256 {
@@ -126,7 +128,7 @@ pub(super) fn read_back(path: &Path, sha256: &str) -> Result<u64, WholeFileError
     }
 }
 
-/// Writes the entries of the folder of a file to the disk.
+/// Syncs the folder of a file, so that the file's entry is on the disk.
 pub(super) fn sync_folder_of(path: &Path) -> Result<(), WholeFileError> {
     let folder = logbook::folder_of(path);
     let synced = File::open(folder).and_then(|folder| folder.sync_all());
@@ -137,8 +139,8 @@ pub(super) fn sync_folder_of(path: &Path) -> Result<(), WholeFileError> {
     })
 }
 
-/// Removes what interrupted copies of this file left. A copy that another process makes at the same time fails and is
-/// made again later.
+/// Removes the leftovers of interrupted copies of this file. A copy that another process is making at the same time
+/// fails and is repeated later.
 pub(super) fn tidy(path: &Path) {
     let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else {
         return;
@@ -151,7 +153,7 @@ pub(super) fn tidy(path: &Path) {
         let file = entry.file_name();
         let file = file.to_string_lossy();
         if file.starts_with(&begin) && file.ends_with(UNFINISHED) {
-            // what cannot be removed takes space and harms nothing
+            // a file that cannot be removed only takes space
             let _ = std::fs::remove_file(entry.path());
         }
     }
@@ -162,7 +164,7 @@ fn beginning(name: &str) -> String {
     format!(".{name}.")
 }
 
-/// Reads, and writes what was read to a file.
+/// A reader that copies everything it reads to a file.
 struct Tee<'a> {
     from: &'a mut dyn Read,
     to: &'a mut File,

@@ -31,7 +31,7 @@ fn new_lines_of_quantities_do_not_read_a_part_again() {
     let lines = || logbook::receipt(&part.path).unwrap().quantity_lines;
     assert_eq!(uploader.confirm(&part, &sha256, 1), Ok(true));
     assert_eq!(uploader.confirm(&part, &sha256, 1), Ok(false));
-    // whoever reads it finds no session
+    // the content is no longer a session: an attempt to read it would fail
     std::fs::write(&part.path, vec![0; bytes as usize]).unwrap();
     open().set_modified(recorded).unwrap();
     assert_eq!(uploader.confirm(&part, &sha256, 2), Ok(true));

@@ -57,7 +57,7 @@ fn login_and_topics_that_are_refused_are_named() {
         &user,
         "refuses tactus/1/berlin/bed3/health: NotAuthorized; the user 'bed3' needs the right to write it",
     );
-    // a wrong file ends the program before anything is sent
+    // an invalid file ends the program before anything is sent
     std::fs::remove_file(&password).unwrap();
     let mut publisher = Publisher::start(machine.path(), &user);
     publisher.wait_for("mqtt.password_file: ");

@@ -14,16 +14,16 @@ use zbus::connection::Builder;
 use zbus::interface;
 use zbus::object_server::SignalEmitter;
 
-/// What the fake daemon reports.
+/// The state that the fake daemon reports.
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     pub status: Status,
     pub alarms: Vec<AlarmReport>,
-    /// Why the list of alarms fails; empty where it does not.
+    /// Error of the list of alarms; empty if it succeeds.
     pub alarms_fault: String,
     /// JSON of the running session's quantities.
     pub quantities: Option<String>,
-    /// How often the status was asked for.
+    /// Number of status requests.
     asked: u64,
 }
 
@@ -139,7 +139,7 @@ impl Daemon {
         report.asked = asked;
     }
 
-    /// How often the status was asked for.
+    /// Number of status requests.
     pub fn requests(&self) -> u64 {
         self.report.lock().unwrap().asked
     }
@@ -162,7 +162,7 @@ impl Daemon {
                     .interface::<_, Manager1>(ROOT_PATH);
                 let manager = manager.await.unwrap();
                 let details = EventDetails::default();
-                // a connection that has ended gets no signal
+                // a closed connection gets no signal
                 let _ =
                     Manager1::happened(manager.signal_emitter(), 0, "alarm-active", "x", details)
                         .await;

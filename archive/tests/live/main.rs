@@ -1,4 +1,4 @@
-//! The live topics against a real mosquitto and a daemon's bus that a test serves.
+//! The live topics with a real mosquitto and a fake daemon on a bus.
 
 mod access;
 #[path = "../servers/authority.rs"]

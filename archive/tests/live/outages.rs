@@ -27,13 +27,13 @@ fn broker_that_comes_back_gets_the_newest_only() {
     broker.watch().wait(SESSION, |session| frames(session) == 1);
     broker.kill();
     publisher.wait_for("tried again until it succeeds");
-    // each report in turn replaces the one before
+    // each report replaces the previous one
     for count in 2..=6 {
         let before = daemon.requests();
         daemon.change(|report| *report = crate::daemon::report(count));
         daemon.wait_until_requested(before + 2);
     }
-    // the publisher pauses until a client watches: it must not send unseen
+    // the publisher pauses until a client has subscribed, so that no message is missed
     signal_to(&publisher.child, Signal::STOP);
     broker.resume();
     let mut watcher = broker.watch();
@@ -84,7 +84,7 @@ fn frozen_broker_delays_no_upload() {
     assert!(grown < 8 << 20, "memory has grown by {grown} bytes");
     broker.signal(Signal::CONT);
     watcher.wait(SESSION, |session| frames(session) == 11);
-    // only messages in flight at the freeze, and the newest, arrive
+    // only messages in flight at the freeze, and the newest ones, arrive
     let old: std::collections::BTreeSet<u64> = watcher
         .seen
         .iter()

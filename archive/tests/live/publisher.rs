@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use crate::mosquitto::Mosquitto;
 
-/// The catalogue cannot be reached: live topics do not need it.
+/// A catalogue that cannot be reached: live topics do not need it.
 pub const NO_CATALOGUE: &str = "host=127.0.0.1 port=1 dbname=tactus user=berlin";
 
 pub struct Publisher {

@@ -53,7 +53,7 @@ fn values_are_retained_as_the_json_of_the_commands() {
             Some("application/json"),
             "{name}"
         );
-        // the broker counts down
+        // the broker decrements the remaining time
         let left = about.message_expiry_interval.expect("it expires");
         assert!((3600..=6 * 3600).contains(&left), "{name}: {left}");
     }

@@ -12,7 +12,7 @@ use crate::site::begun;
 
 fn altered(path: &PathBuf) {
     let mut bytes = std::fs::read(path).unwrap();
-    // no row is stored there: only the hash reveals the change
+    // no row is stored at this place: only the hash reveals the change
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::set_permissions(path, PermissionsExt::from_mode(0o600)).unwrap();
     std::fs::write(path, bytes).unwrap();
@@ -214,7 +214,7 @@ fn status_names_unreadable_files_beside_the_rest() {
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
     assert_eq!(found[0]["missing"], serde_json::json!(["m1", "m2"]));
-    // three minutes of the session that can be read
+    // the three minutes of the session that can be read
     assert_eq!(found[0]["missing_lines"], 3);
     let mut problems: Vec<(&str, String)> = found[1..]
         .iter()
@@ -244,7 +244,7 @@ fn full_store_is_reported_and_goes_on_when_there_is_space() {
     let part = std::fs::metadata(site.record().join("m1.tactus"))
         .unwrap()
         .len();
-    // two parts and a half
+    // space for two and a half parts
     let mounted = std::process::Command::new("mount")
         .args([
             "-t",

@@ -1,4 +1,4 @@
-//! The uploader and the server are killed at random moments: nothing is lost, nothing is doubled.
+//! The uploader and the server are killed at random moments: nothing is lost or duplicated.
 
 use std::collections::BTreeSet;
 use std::process::Stdio;
@@ -14,7 +14,7 @@ fn kills() -> u64 {
     set.map_or(20, |count| count.parse().expect("TACTUS_KILLS is a number"))
 }
 
-/// A fraction of one, different each time.
+/// A fraction of one, different at each call.
 fn random(state: &mut u64) -> f64 {
     *state ^= *state << 13;
     *state ^= *state >> 7;

@@ -38,7 +38,7 @@ fn week_without_link_is_archived_in_one_pass() {
         }
         writer.roll(at(86_400 * day as i64)).unwrap();
         more_frames(&mut writer, 1 + day);
-        // the nightly push fails
+        // a nightly push fails
         let error = site.refused(&["push"], 75);
         assert!(
             error.contains("cannot reach PostgreSQL at 127.0.0.1"),

@@ -12,14 +12,14 @@ use crate::site::Site;
 
 const MOTO: &[&str] = &["moto[server,s3]==5.2.5"];
 
-/// A server of S3 on this machine; ends with the test.
+/// An S3 server on this machine; ends with the test.
 struct Moto {
     child: Child,
     endpoint: String,
 }
 
 impl Moto {
-    /// `None` (reported, kind `PYTHON`) where it cannot be installed.
+    /// `None` (reported, kind `PYTHON`) if it cannot be installed.
     fn start() -> Option<Self> {
         Self::with("http", &[])
     }
@@ -160,7 +160,7 @@ fn part_altered_on_its_way_to_a_bucket_is_no_part() {
     let near = format!("http://127.0.0.1:{}", proxy.port());
     use_bucket(&server, &site, &near, "store_keys_file = \"keys\"\n");
     site.record_session("m1", 1);
-    // the header of every SQLite file
+    // the text at the start of every SQLite file
     proxy.set(ProxyMode::Alter(b"SQLite format 3"));
     let output = site.run(&["push"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");

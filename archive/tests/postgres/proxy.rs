@@ -35,7 +35,7 @@ pub struct Proxy {
     mode: Arc<Mutex<ProxyMode>>,
 }
 
-/// Both kinds of stream.
+/// Both kinds of stream: TCP and Unix sockets.
 trait Stream: Read + Write + Send {
     fn end(&self);
     fn twin(&self) -> Box<dyn Stream>;

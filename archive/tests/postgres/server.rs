@@ -31,7 +31,7 @@ pub const PASSWORD: &str = "a word";
 pub struct Server {
     folder: TempDir,
     programs: PathBuf,
-    /// User and group of the server, where the test runs as root.
+    /// User and group of the server, if the test runs as root.
     user: Option<(u32, u32)>,
     port: u16,
     running: Option<Child>,
@@ -60,7 +60,7 @@ fn postgres_user() -> Option<(u32, u32)> {
 }
 
 impl Server {
-    /// A running server with an empty database; `None` (reported, kind `POSTGRES`) where there is none to start.
+    /// A running server with an empty database; `None` (reported, kind `POSTGRES`) if there is no server program.
     pub fn start() -> Option<Self> {
         let Some(programs) = programs() else {
             needs::lacking(
@@ -199,7 +199,7 @@ impl Server {
                 }
                 assert!(Instant::now() < limit, "{}", self.log());
                 std::thread::sleep(Duration::from_millis(20));
-                // after a kill the processes of the previous one may need a moment to go
+                // after a kill the processes of the previous server may need a moment to exit
                 if child.try_wait().expect("a child").is_some() {
                     break;
                 }
@@ -268,7 +268,7 @@ impl Server {
         command.spawn().expect("psql runs")
     }
 
-    /// Waits until a query gives this.
+    /// Waits until a query returns this.
     pub fn wait_for(&self, query: &str, expected: &str) {
         wait_until(
             || self.sql(query) == expected,

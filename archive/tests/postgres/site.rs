@@ -146,8 +146,8 @@ impl Site {
         self.fold_journals();
     }
 
-    /// Merges the journals of closed parts, as the daemon does every minute: if a part is read while it is closed, its
-    /// last rows stay in its journal.
+    /// Folds the journals of closed parts into their files, as the daemon does every minute: if a part is read while
+    /// it is closed, its last rows stay in its journal.
     pub fn fold_journals(&self) {
         let is_folded = || {
             logbook::fold_closed(self.record()).unwrap();

@@ -1,6 +1,6 @@
-//! Debian does not package TimescaleDB: one test needs it installed; the others create a stand-in for the parts of the
-//! extension that a migration uses. They check that the right statements are sent and that a refusal changes nothing,
-//! not the behaviour of TimescaleDB itself.
+//! Debian does not package TimescaleDB: one test needs an installation; the others create a stand-in for the parts of
+//! the extension that a migration uses. They check that the right statements are sent and that a refusal changes
+//! nothing, not the behaviour of TimescaleDB itself.
 
 use rustix::process::Signal;
 

@@ -1,4 +1,4 @@
-//! The dashboard file for Grafana: each of its queries gives rows of a known archive to a role that only reads.
+//! The dashboard file for Grafana: a read-only role gets rows from each of its queries on a known archive.
 
 use serde_json::Value;
 
@@ -7,7 +7,7 @@ use crate::site::Site;
 
 const DASHBOARD: &str = include_str!("../../../grafana/tactus-sheets.json");
 
-/// What Grafana puts in place of the variables of a dashboard.
+/// The values that Grafana substitutes for the variables of a dashboard.
 const VARIABLES: [(&str, &str); 4] = [
     ("site", "berlin"),
     ("daq", "bed3"),
@@ -15,7 +15,7 @@ const VARIABLES: [(&str, &str); 4] = [
     ("quantity", "peak"),
 ];
 
-/// A query as Grafana sends it for all times of the known archive.
+/// A query as sent by Grafana for the whole time range of the known archive.
 fn sent(query: &str) -> String {
     let (filter, end) = ("$__timeFilter(", ')');
     let mut text = String::new();

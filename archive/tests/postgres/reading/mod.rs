@@ -226,7 +226,7 @@ fn machines_show_missing_data_alarms_and_a_wrong_clock() {
     let [ahead, silent] = &machines[..] else {
         panic!()
     };
-    // the quantities of the example lie in 2027
+    // the times of the example's quantities are in 2027
     let is_ahead = ahead.clock_ahead_s.is_some_and(|s| s > 300.0);
     let passed = chrono::Utc::now() > at(0);
     assert!(is_ahead || passed, "{ahead:?}");
@@ -247,7 +247,7 @@ fn machines_show_missing_data_alarms_and_a_wrong_clock() {
         (&Some("m7".to_owned()), 0, &Vec::new())
     );
     assert!(silent.silent_s.is_some_and(|s| s > 6900.0), "{silent:?}");
-    // an alarm that can be judged again is not over until its condition ends
+    // an alarm that is judged again stays active until its condition ends
     for (number, change) in [
         (11, "invalid"),
         (12, "judged"),
