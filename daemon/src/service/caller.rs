@@ -1,4 +1,4 @@
-//! Identifies a caller by the kernel or the bus.
+//! Identifies a caller: by the kernel on a socket, by the broker on a bus.
 
 use std::io;
 use std::mem::{size_of, size_of_val};
@@ -12,7 +12,7 @@ use super::limit::User;
 
 /// The group with the same rights as the daemon's own user.
 pub(super) const GROUP: &str = "tactus";
-/// More groups than a user has.
+/// Maximum number of supplementary groups; a caller with more cannot be identified.
 const MOST_GROUPS: usize = 4096;
 
 /// A caller's user and groups.
@@ -20,14 +20,14 @@ const MOST_GROUPS: usize = 4096;
 pub(super) struct Caller {
     user: u32,
     groups: Vec<u32>,
-    /// The user for limits, computed once because many calls may come.
+    /// The user for limits, computed once for all calls of the caller.
     counted: User,
 }
 
 /// The sender of a message on a bus.
 ///
 /// # Errors
-/// The bus no longer knows the sender, or does not give its user and groups.
+/// The sender has left the bus, or the bus does not report its user.
 pub(super) async fn of(connection: &Connection, sender: &UniqueName<'_>) -> zbus::Result<Caller> {
     let bus = DBusProxy::new(connection).await?;
     let credentials = bus
@@ -42,11 +42,11 @@ pub(super) async fn of(connection: &Connection, sender: &UniqueName<'_>) -> zbus
 }
 
 impl Caller {
-    /// The process at the other end of a socket. Also works in the daemon's user namespace, where another user's number
-    /// is not visible but the group's is.
+    /// The process at the other end of a socket. Also works in the daemon's user namespace, in which other users'
+    /// numbers are not visible, but the group's number is.
     ///
     /// # Errors
-    /// The kernel does not give the credentials.
+    /// The kernel does not report the credentials.
     pub(super) fn at(stream: &UnixStream) -> io::Result<Self> {
         let who = stream.peer_cred()?;
         let mut groups = peer_groups(stream)?;
@@ -67,7 +67,7 @@ impl Caller {
         caller
     }
 
-    /// Its user's number; in a user namespace, that of all users whose own is not visible there.
+    /// The number of its user. In a user namespace, all users that are not visible there have the same number.
     pub(super) fn user(&self) -> u32 {
         self.user
     }
@@ -82,7 +82,7 @@ impl Caller {
         self.user == 0 || self.user == rustix::process::geteuid().as_raw()
     }
 
-    /// Whether a member of the group.
+    /// Whether the caller is a member of the group.
     pub(super) fn is_member(&self) -> bool {
         let groups = std::fs::read_to_string("/etc/group").unwrap_or_default();
         number(&groups).is_some_and(|group| self.groups.contains(&group))
@@ -99,7 +99,7 @@ fn number(groups: &str) -> Option<u32> {
 }
 
 /// `SO_PEERGROUPS` (unix(7)): the supplementary groups that the other end had when it connected.
-// the one socket option without a safe form in the libraries here
+// the libraries in use have no safe function for this socket option
 #[allow(unsafe_code)]
 fn peer_groups(stream: &UnixStream) -> io::Result<Vec<u32>> {
     let mut groups = vec![0_u32; MOST_GROUPS];

@@ -1,4 +1,4 @@
-//! The gate of one connection: identifies callers, notices when they disconnect, and chooses the threads that serve a
+//! The gate of one connection: identifies callers, detects when they disconnect, and selects the threads that serve a
 //! call.
 //!
 //! A call that reads or waits is cancelled when its caller leaves the bus, or the peer's connection ends, and frees its
@@ -22,7 +22,7 @@ use super::limit::User;
 
 use crate::locked::locked;
 
-/// Threads for each connection type: one may be busy with a long reply while another continues.
+/// Threads for each connection type: one may be busy with a long reply while the other continues.
 const THREADS: usize = 2;
 
 /// Type of a connection, which determines how access is decided.
@@ -172,7 +172,7 @@ impl Gate {
         locked(&self.present).clear();
     }
 
-    /// Who sent a message, for records.
+    /// Description of the sender of a message, for the record.
     ///
     /// # Errors
     /// As [`Gate::client`].
@@ -244,8 +244,8 @@ impl Gate {
         }
     }
 
-    /// Runs the reply on this thread, and everything it starts (tasks, timers, blocking work) on the runtime of the
-    /// sessions.
+    /// Runs the reply on this thread, and everything that it starts (tasks, timers, blocking work) on the runtime of
+    /// the sessions.
     pub(super) async fn acting<T>(&self, answered: impl Future<Output = T>) -> T {
         let mut answered = std::pin::pin!(answered);
         std::future::poll_fn(|context| {

@@ -12,7 +12,7 @@ use dbus::Fault;
 
 use crate::locked::locked;
 
-/// Calls replied at once from memory. A program has a few at a time.
+/// Calls that are replied immediately, from memory. A program has a few at a time.
 pub(super) static QUERIES: Limit = Limit::new("calls that are not answered yet", 64, 512);
 
 /// Calls that wait for a frame or the end of a session.
@@ -21,7 +21,7 @@ pub(super) static WAITING_CALLS: Limit = Limit::new("calls that wait for a sessi
 /// Calls that change something, running after they were admitted.
 pub(super) static COMMANDS: Limit = Limit::new("calls that control the rig", 16, 64);
 
-/// Calls that make the rig safe, with a limit of their own.
+/// Calls that make the rig safe, with a separate limit.
 pub(super) static SAFETY_CALLS: Limit = Limit::new("calls that make the rig safe", 64, 256);
 
 /// Work on the reading threads, waiting or running.

@@ -64,7 +64,8 @@ impl Listener {
     ) -> Result<Self, ListenerError> {
         let mut tasks = JoinSet::new();
         let mut descriptions = Vec::new();
-        // sessions run here; clients are served on separate threads, those of the peer socket apart from the buses'
+        // sessions run on this runtime; clients are served on separate threads, one set for the peer socket and one for
+        // the buses
         let acting = Handle::current();
         let threads = [
             Threads::start("peer").map_err(ListenerError::Threads)?,
@@ -229,7 +230,7 @@ async fn serve_bus(
                 tokio::time::timeout(CONNECT_TIMEOUT, connect(authorizer, &controller, &acting));
             let again = match answer(PanicScope::Reply, again).await {
                 Ok(again) => again,
-                // it has been logged
+                // the panic has been logged
                 Err(_) => continue,
             };
             match again {

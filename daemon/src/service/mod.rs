@@ -1,5 +1,5 @@
-//! The daemon on D-Bus: the same objects on every connection, and the announcement of events. The objects' operations
-//! are left to `session`.
+//! The daemon on D-Bus: the same objects on every connection, and the announcement of events. The operations themselves
+//! are in `session`.
 
 mod access;
 mod bus_socket;
@@ -123,7 +123,7 @@ async fn announce(
                 Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
             }
             BusEvent::Instruments => instruments_changed(server, controller).await,
-            // a broker replies itself; a peer that has gone is noticed by its socket
+            // only a broker is checked by a ping; a peer that disconnects is detected by its socket
             BusEvent::Heartbeats if connection.is_bus() => ping(connection).await,
             BusEvent::Heartbeats => Ok(()),
             BusEvent::ObjectsChanged => register_again(server, controller, gate).await,
@@ -231,7 +231,7 @@ async fn register_again(
     object.method_changed(emitter).await
 }
 
-/// Removing a missing object is no error.
+/// Ignores the error of removing a missing object.
 fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
     match removed {
         Ok(_) | Err(zbus::Error::InterfaceNotFound) => Ok(()),
@@ -239,7 +239,7 @@ fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
     }
 }
 
-/// The path of a session's object, registered if needed; `None` for a session that is no longer remembered.
+/// A session's object, registered if needed; `None` for a session that is no longer kept on the bus.
 async fn session(
     server: &ObjectServer,
     controller: &Controller,

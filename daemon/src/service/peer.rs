@@ -1,4 +1,4 @@
-//! The peer socket: D-Bus without a broker, one connection a client; the kernel identifies the user.
+//! The peer socket: D-Bus without a broker, one connection per client. The kernel identifies the user.
 
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, FileTypeExt, PermissionsExt};
@@ -23,10 +23,10 @@ use crate::session::controller::Controller;
 /// Timeout of the authentication.
 const AUTHENTICATION_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Longest first line of a client, bytes; normal ones have some thirty.
+/// Maximum length of a client's first line, bytes; a normal line has some thirty.
 const FIRST_LINE: usize = 256;
 
-/// Most clients that are being told that the limit is reached, and the timeout of each.
+/// Maximum number of clients to which the reached limit is being reported, and the timeout for each.
 const MOST_REPORTED: usize = 16;
 const REFUSAL_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -43,7 +43,8 @@ impl Drop for PeerListener {
     }
 }
 
-/// Binds the socket; creates its folder if needed. Replaces a socket left over by a dead daemon, but not a live one.
+/// Binds the socket; creates its folder if needed. Replaces a socket left over from a daemon that has ended, but not
+/// one in use.
 pub(super) fn bind(path: &Path) -> io::Result<PeerListener> {
     if let Some(folder) = path.parent()
         && !folder.as_os_str().is_empty()
@@ -174,8 +175,8 @@ async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: H
     gate.all_left();
 }
 
-/// Reports that the limit is reached, distinguishable from a refusal, and closes; only for a few clients at a time,
-/// because each takes a descriptor.
+/// Reports that the limit is reached, distinguishable from a refusal of access, and closes the connection; only for a
+/// few clients at a time, because each takes a descriptor.
 async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
     static REPORTED: Semaphore = Semaphore::const_new(MOST_REPORTED);
     let Ok(_permit) = REPORTED.try_acquire() else {
@@ -184,7 +185,8 @@ async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
     let line = format!("ERROR {}{}\r\n", dbus::BUSY, error.text());
     let sending = async {
         stream.write_all(line.as_bytes()).await?;
-        // a client disconnected before it has written its first line would see a socket error instead
+        // if the connection were closed before the client has written its first line, the client would get a socket
+        // error instead
         let mut first = [0; 128];
         loop {
             let read = stream.read(&mut first).await?;
@@ -223,13 +225,13 @@ async fn first_line(stream: &UnixStream) -> Result<Vec<u8>, String> {
         if seen.is_empty() || ready.is_read_closed() {
             return Err("it was closed before its first line had ended".to_owned());
         }
-        // a socket cannot be awaited for more data than is already there and not read
+        // polled: while unread data remain, the socket stays readable and cannot be awaited for more
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
 }
 
 /// The user number in a member's first line. In the unit's user namespace the kernel reports all other users under one
-/// number, and zbus would reject the member's true one. Access was decided by the group; the number decides nothing.
+/// number, and zbus would reject the member's true one. Access was decided by the group; the number has no effect.
 ///
 /// The format is `AUTH EXTERNAL` and the decimal number with each digit in hexadecimal ASCII, after a zero byte (D-Bus
 /// specification, authentication protocol).
@@ -265,7 +267,7 @@ mod tests {
             assert_eq!(claimed_uid(other), None, "{other:?}");
         }
         let (ours, mut theirs) = UnixStream::pair().unwrap();
-        // as libdbus does: the zero byte first
+        // libdbus sends the zero byte separately
         theirs.write_all(b"\0").await.unwrap();
         let looks = tokio::spawn(async move { (first_line(&ours).await, ours) });
         theirs

@@ -11,10 +11,10 @@ const SERVICE: &str = "org.freedesktop.PolicyKit1";
 const PATH: &str = "/org/freedesktop/PolicyKit1/Authority";
 const INTERFACE: &str = "org.freedesktop.PolicyKit1.Authority";
 
-/// `AllowUserInteraction`.
+/// The flag `AllowUserInteraction`.
 const ASK_THE_USER: u32 = 1;
-/// Timeout without user interaction. Callers give up after 25 s by default; a busy polkit needs more than 10 s, and a stop must
-/// not be refused because of that.
+/// Timeout without user interaction. Callers give up after 25 s by default. A busy polkit needs more than 10 s, which
+/// must not lead to the refusal of a stop.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(20);
 /// Timeout if a user types a password.
 const DIALOG_TIMEOUT: Duration = Duration::from_secs(120);
@@ -30,7 +30,7 @@ pub(super) enum Answer {
     Broken(String),
 }
 
-/// `interactive`: the caller allows a password dialog.
+/// Queries whether the sender is authorised for an action. `interactive`: the caller allows a password dialog.
 pub(super) async fn ask(
     connection: &Connection,
     sender: &UniqueName<'_>,

@@ -1,6 +1,6 @@
 //! Thread pool for clients' reading requests (reading the record, computing a plan).
 //!
-//! Acquisition, recording and stopping use the runtime's threads, which reading requests never occupy: each user may
+//! Acquisition, recording and stopping use the runtime's threads, which reading requests never occupy. Each user may
 //! have a few requests, users are served in turn, and requests of disconnected callers are skipped.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -13,7 +13,7 @@ use crate::locked::locked;
 use crate::panics::containment;
 use crate::service::limit::{READ_JOBS, User};
 
-/// Threads; two, so that one long request does not block all others.
+/// Number of threads: two, so that one long request does not block all others.
 const THREADS: usize = 2;
 
 static POOL: Pool = Pool::new(THREADS);
@@ -117,7 +117,7 @@ impl Pool {
         loop {
             if let Some(job) = waiting.next() {
                 drop(waiting);
-                // its caller notices the missing result
+                // after a panic its caller gets no result, and reports that
                 let _ = containment::run(job);
                 waiting = locked(&self.waiting);
             } else {

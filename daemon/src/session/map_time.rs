@@ -1,4 +1,5 @@
-//! Checks before a session starts that its method keeps up with the frames, by timing a map of a frame with a load.
+//! Checks before the start of a session that its method is as fast as the frames, by timing a map of a frame with a
+//! load.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -12,7 +13,7 @@ use crate::instruments::rig_plan::RigPlan;
 use crate::panics::containment;
 use crate::session::controller::Controller;
 
-/// Attempts, of which the fastest counts: the machine may be busy.
+/// Maximum number of attempts, of which the fastest counts: the machine may be busy.
 const TRIES: usize = 3;
 
 impl Controller {
@@ -48,7 +49,7 @@ impl Controller {
     }
 }
 
-/// Measures the time of a map; no second attempt if it is `within` this time. Computes for a while: not for an async
+/// Measures the computing time of a map; stops once it is at most `within`. Takes long: must not be called in an async
 /// task.
 fn map_time(model: &Model, baseline: &[Reading], frame: &[Reading], within: Duration) -> Duration {
     let map = || model.reconstruct(baseline, frame);
@@ -64,8 +65,8 @@ fn map_time(model: &Model, baseline: &[Reading], frame: &[Reading], within: Dura
     least
 }
 
-/// Why a session with this method is refused, and what would be accepted; `None` if the method keeps up: a frame comes
-/// every `period`, and every `every`-th has a map.
+/// Why a session with this method is refused, and what would be accepted; `None` if the method is fast enough. A frame
+/// is measured every `period`, and every `every`-th frame gets a map.
 fn refusal(method: &str, took: Duration, period: Duration, every: u64) -> Option<String> {
     let (took, period) = (took.as_secs_f64(), period.as_secs_f64());
     if took <= period * every as f64 {

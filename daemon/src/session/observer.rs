@@ -24,9 +24,9 @@ use crate::session::controller::Controller;
 
 /// Time between two checks.
 const EVERY: Duration = Duration::from_secs(5);
-/// How often journals of closed sessions are looked for.
+/// Time between two searches for journals of closed sessions.
 const FOLD_EVERY: Duration = Duration::from_secs(60);
-/// Most notifications waiting for the command.
+/// Maximum number of notifications waiting for the command.
 const MESSAGES: usize = 16;
 /// Bytes read from the end of the self-test file to find the last one.
 const LAST_TEST: u64 = 1 << 20;
@@ -77,8 +77,8 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     }
 }
 
-/// Folds the journals of sessions that were closed while a program read them into their files: only then they are complete, and
-/// can be archived.
+/// Folds the journals of closed sessions into their files. A journal remains if a program was reading the session when
+/// it was closed; the file is complete, and can be archived, only without it.
 async fn fold_journals(controller: &Arc<Controller>) {
     let directory = controller.runtime().setup.record_directory.clone();
     let folded = tokio::task::spawn_blocking(move || logbook::fold_closed(directory)).await;
@@ -96,7 +96,7 @@ async fn fold_journals(controller: &Arc<Controller>) {
     }
 }
 
-/// The next frame with quantities; none ever where somebody else judges them.
+/// The next frame with quantities; never returns if another task judges the frames.
 async fn next(frames: &mut Option<mpsc::Receiver<JudgedFrame>>) -> Option<JudgedFrame> {
     match frames {
         Some(frames) => frames.recv().await,
@@ -197,7 +197,7 @@ async fn day_end(controller: &Arc<Controller>) -> DayEnd {
     }
 }
 
-/// From the last self-test beside the record; `None` if there was none.
+/// The worst contact of the last self-test in the record's directory, as text for people; `None` without a self-test.
 fn worst_contact(directory: &Path) -> Option<String> {
     use std::io::{Read, Seek, SeekFrom};
     let mut file = std::fs::File::open(directory.join("tests.jsonl")).ok()?;

@@ -7,9 +7,9 @@ use survey::Bounds::{self, Above, Within};
 
 use config::numbers::{allowed, too_long};
 
-/// Frames of a baseline: all of them are kept in memory until they are averaged.
+/// Number of frames of a baseline, which are all kept in memory until they are averaged.
 pub(crate) const BASELINE_FRAMES: Bounds = Within(1.0, 1000.0);
-/// Duration of a discovery.
+/// Duration of a discovery, s.
 pub(crate) const WITHIN_S: Bounds = Within(0.0, 60.0);
 /// Records held for a slow reader of a stream.
 pub(crate) const RING: Bounds = Within(1.0, 4096.0);
@@ -37,7 +37,7 @@ pub(crate) fn session_option(option: &str) -> Option<Bounds> {
 /// Free-text options.
 const FREE_WORDS: [&str; 6] = ["note", "sheet", "foam", "ink", "operator", "comment"];
 
-/// Reads the options of a method; `bounds` is what is allowed for each numeric one.
+/// Reads the options of a method; `bounds` returns the allowed values of a numeric option.
 ///
 /// # Errors
 /// [`Fault::InvalidOption`] with the name, the value and what is allowed.

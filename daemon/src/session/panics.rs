@@ -1,9 +1,9 @@
 //! A panic anywhere in the daemon switches the source off.
 //!
-//! Acquisition handles its own panics; any other panic (the recorder, an acting call) ends the running session, and the
-//! source is verified off at once, not at the end of the frame. If the daemon's main task panics, it connects to the
-//! instruments again ([`crate::instruments::last_resort`]). Only a panic of a task that merely replies to a client ends
-//! no more than that reply ([`crate::panics::containment`]).
+//! Acquisition handles its own panics. Any other panic (of the recorder, of an acting call) ends the running session,
+//! and the source is verified off immediately, not at the end of the frame. If the daemon's main task panics, the
+//! instruments are switched off over new connections ([`crate::instruments::last_resort`]). A panic of a task that only
+//! replies to a client ends only that reply ([`crate::panics::containment`]).
 
 use std::sync::Arc;
 
@@ -57,9 +57,11 @@ pub(crate) mod tests {
     use crate::session::panics::*;
 
     pub(crate) const DEADLINE: Duration = Duration::from_secs(120);
-    /// 100 ms are promised, and printed; a busy machine takes a multiple.
+    /// Accepted time until the source is off. 100 ms are promised, but a busy machine takes a multiple; the tests print
+    /// the time.
     const BUSY: Duration = Duration::from_secs(5);
-    /// A process has one hook: the panic of one test must not reach the other's handler.
+    /// Locked by each test that panics: a process has one panic hook, and a panic must not reach the handler of another
+    /// test.
     static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
     /// While this is held, no other test panics or waits for a panic.
@@ -82,8 +84,7 @@ pub(crate) mod tests {
                           electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\
                           peer_path = \"peer\"\n";
 
-    /// A controller of a simulated rig in real time: one of its frames lasts seconds, so that a panic occurs in the
-    /// middle of one.
+    /// A controller of a simulated rig in real time. A frame lasts seconds, so that a panic occurs during a frame.
     pub(crate) async fn in_real_time(folder: &Path) -> (Arc<Controller>, SimulatedRig) {
         std::fs::write(folder.join("scene.toml"), "[disc-tank]\nelectrodes = 16\n").unwrap();
         let scene = "kind = \"simulated\"\nscene = \"scene.toml\"";
@@ -152,7 +153,7 @@ pub(crate) mod tests {
         assert_eq!(controller.state().word(), "faulted");
     }
 
-    /// A frame is being measured on instruments behind TCP, and the task that owns everything panics.
+    /// A frame is being measured on instruments on TCP when the daemon's main task panics.
     #[test]
     fn failed_controller_leaves_the_source_off() {
         let _alone = ALONE.blocking_lock();
@@ -160,7 +161,7 @@ pub(crate) mod tests {
         let others = Builder::new_multi_thread().enable_all().build().unwrap();
         let profile = Profile::load("pairs-34924a").unwrap();
         let scene = Scene::parse("scene", "[disc-tank]\nelectrodes = 16\n").unwrap();
-        // in real time: readings of 2 PLC, a frame of seconds
+        // in real time, with readings of 2 power-line cycles, a frame lasts seconds
         let sheet = SimulatedRig::new(&profile.at_pace(Pace::Real), scene).unwrap();
         let options = ServeOptions {
             port_6221: 0,

@@ -146,7 +146,7 @@ mod tests {
         ]
     }
 
-    /// The whole table, one row for each state, in the order of `events`; `!`, `t` and `?` are the three rejections.
+    /// The complete table: one row for each state, in the order of `events`. `!`, `t` and `?` are the three rejections.
     #[test]
     fn every_state_answers_every_event() {
         let table = [

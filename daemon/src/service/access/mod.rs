@@ -2,7 +2,8 @@
 //!
 //! Objects are only served behind [`Guarded`], so a method cannot be forgotten: a method without a row is refused to
 //! everybody. Reading (methods marked [`Action::Observe`], every property) is allowed to every connected caller;
-//! setting a property would need a row of its own, and no interface has a writable one.
+//! setting a property would need a row in the table of setters, which is empty, because no interface has a writable
+//! property.
 
 mod table;
 
@@ -25,7 +26,7 @@ pub(super) use table::changes_something;
 use table::{Action, CallClass, method, setter};
 
 impl Authorizer {
-    /// Checks that the sender of a message is allowed an action. Results are not cached.
+    /// Checks that the sender of a message may perform an action. Results are not cached.
     async fn admit(
         self,
         connection: &Connection,

@@ -16,9 +16,9 @@ pub(in crate::service) enum Action {
     Observe,
     /// Starting, suspending and ending a session.
     Control,
-    /// Recording a baseline, which takes the place of the current one, and overruling the tracked one.
+    /// Recording a baseline, which replaces the current one, and overruling the tracked baseline.
     Baseline,
-    /// The instruments themselves, or the simulated sheet, past any session.
+    /// Access to the instruments or the simulated sheet outside of a session.
     Instruments,
     /// Acknowledging, shelving and resetting alarms.
     Alarms,
@@ -43,15 +43,15 @@ impl Action {
 /// How a call is served, and what happens to it when its caller disconnects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::service) enum CallClass {
-    /// Replied at once; ends with its caller.
+    /// Replied immediately; cancelled when its caller disconnects.
     Query,
-    /// Like a query, with a reply of some 100 kB: a connection sends one at a time.
+    /// Like a query, with a reply of some 100 kB: a connection sends one such reply at a time.
     LargeQuery,
-    /// Waits for a frame or for the end of a session; ends with its caller.
+    /// Waits for a frame or for the end of a session; cancelled when its caller disconnects.
     Wait,
-    /// Changes something; runs to its end.
+    /// Changes something; runs to its end even if its caller disconnects.
     Command,
-    /// Makes the rig safe, with separate limits; runs to its end.
+    /// Makes the rig safe, with separate limits; runs to its end even if its caller disconnects.
     Safety,
 }
 
@@ -117,7 +117,7 @@ pub(super) const METHODS: &[(&str, &str, Action, CallClass)] = &[
     (SIMULATION, "Release", Action::Instruments, Command),
 ];
 
-/// Every writable property, and its action. `Properties.Set` is not covered by the bus's own policy.
+/// Every writable property, and its action. The policy of the bus does not cover `Properties.Set`.
 pub(super) const SETTERS: &[(&str, &str, Action)] = &[];
 
 pub(super) fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, CallClass)> {

@@ -1,8 +1,8 @@
-//! Parses the header of a message as far as the queue needs it (D-Bus specification, message protocol).
+//! Parses the fields of a message header that the queue needs (D-Bus specification, message protocol).
 
-/// Bytes needed to know a message's length.
+/// Number of bytes from which a message's length can be computed.
 pub(super) const FIXED: usize = 16;
-/// Limit of the specification.
+/// Maximum length of a message by the specification, bytes.
 const LONGEST: usize = 1 << 27;
 
 const METHOD_CALL: u8 = 1;
@@ -48,15 +48,15 @@ impl Header<'_> {
     }
 }
 
-/// Clears the no-reply flag of a call, so that its end is visible.
+/// Clears the no-reply flag of a call, so that the reply shows when the call has been served.
 pub(super) fn ask_for_answer(message: &mut [u8]) {
     message[FLAGS] &= !NO_REPLY_EXPECTED;
 }
 
-/// Bytes of the first message, or of a line of the authentication; `None` if more bytes are needed.
+/// Length in bytes of the first message, or of a line of the authentication; `None` if more bytes are needed.
 ///
 /// # Errors
-/// These bytes are neither.
+/// The bytes are neither a message nor a line.
 pub(super) fn length(bytes: &[u8]) -> Result<Option<usize>, Malformed> {
     let Some(first) = bytes.first() else {
         return Ok(None);
@@ -81,7 +81,7 @@ pub(super) fn length(bytes: &[u8]) -> Result<Option<usize>, Malformed> {
     length.map(Some).ok_or(Malformed)
 }
 
-/// Limit of an authentication line.
+/// Maximum length of an authentication line, bytes.
 const LONGEST_LINE: usize = 16 * 1024;
 
 /// Parses the header of a complete message; `None` for a line of the authentication.
@@ -169,13 +169,13 @@ impl<'a> Cursor<'a> {
         Ok(number)
     }
 
-    /// A string with four bytes of length before it, and a zero byte after it.
+    /// A string: its length in four bytes, its text, a zero byte.
     fn text(&mut self) -> Result<&'a str, Malformed> {
         let length = self.number()?;
         self.terminated(length)
     }
 
-    /// A string with one byte of length before it.
+    /// A string: its length in one byte, its text, a zero byte.
     fn short_text(&mut self) -> Result<&'a str, Malformed> {
         let length = self.byte()?;
         self.terminated(length.into())

@@ -1,8 +1,9 @@
 //! The connection to the system bus: a separate thread reads ahead into a queue that is fair to the senders.
 //!
 //! A bus delivers the messages of all senders in one sequence, and does not limit calls that expect no reply. Messages
-//! not read at once wait in the bus, and block everybody's calls. So everything is read on arrival, messages without
-//! effect or beyond a sender's limit are dropped, and zbus receives the rest one at a time.
+//! that are not read immediately wait in the bus, and block the calls of all senders. Therefore all messages are read
+//! on arrival, messages without effect or beyond a sender's limit are dropped, and zbus receives the others one at a
+//! time.
 
 mod header;
 mod queue;
@@ -35,12 +36,12 @@ use queue::{Disposition, Incoming};
 
 pub(super) use queue::Queue;
 
-/// Most file descriptors of one message (`SCM_MAX_FD` of the kernel).
+/// Maximum number of file descriptors of one message (`SCM_MAX_FD` of the kernel).
 const MOST_DESCRIPTORS: usize = 253;
-/// Read at once; a socket holds about as much.
+/// Maximum number of bytes per read; a socket buffers about as many.
 const CHUNK: usize = 256 * 1024;
 
-/// Reports the number of lost calls since the last report, with the last sender.
+/// Reports the number of calls that were dropped, and the sender of the last one.
 type Report = Box<dyn Fn(u64, &str) + Send>;
 
 /// A socket to a bus.
@@ -51,7 +52,7 @@ pub(super) struct BusSocket {
 }
 
 impl BusSocket {
-    /// Connects, and starts the reading thread; `None` if the address is no local socket.
+    /// Connects, and starts the reading thread; `None` if the address is not a local socket.
     ///
     /// # Errors
     /// Connection refused, or no thread can be started.
@@ -121,7 +122,7 @@ struct Reader {
 }
 
 impl Drop for Reader {
-    /// Also after a panic: ends the connection for zbus.
+    /// Ends the connection for zbus, also after a panic.
     fn drop(&mut self) {
         self.queue.end();
     }
@@ -192,7 +193,7 @@ fn receive(
             descriptors.extend(passed);
         }
     }
-    // the owner of the remaining descriptors would be unknown
+    // it would be unknown to which messages the received descriptors belong
     if received.flags.contains(ReturnFlags::CTRUNC) {
         return Err(io::Error::other("there was no room for its descriptors"));
     }

@@ -16,7 +16,7 @@ use crate::service::gate::Gate;
 use crate::session::controller::Controller;
 use crate::session::option_values;
 
-/// The alarms on one connection, and the gate through which its callers come.
+/// The alarms on one connection, and the gate of the connection.
 pub(crate) struct Alarms1(pub(crate) Arc<Controller>, pub(crate) Arc<Gate>);
 
 /// The daemon's alarms: its own problems and the rules of `[[alarm]]`.
@@ -157,7 +157,7 @@ fn report(alarm: &Alarm, shown: &Shown) -> AlarmReport {
 }
 
 impl Controller {
-    /// Carries out the order of a person on an alarm, and reports it.
+    /// Carries out an operator's order on an alarm, and reports it.
     ///
     /// # Errors
     /// There is no such alarm, or its state does not allow the order.

@@ -33,7 +33,7 @@ impl Instrument1 {
     }
 }
 
-/// Where the instrument with this role is; `switch+voltmeter` is `switch_voltmeter` there.
+/// The object path of the instrument with this role, in which `+` is replaced by `_`.
 pub(crate) fn path(role: &str) -> ObjectPath<'static> {
     dbus::instrument_path(&role.replace('+', "_"))
         .unwrap_or_else(|_| ObjectPath::from_static_str_unchecked(ROOT_PATH))

@@ -19,10 +19,11 @@ use crate::service::read_pool::read;
 use crate::session::controller::{Controller, no_baseline, no_plan};
 use crate::session::option_values;
 
-/// Most sessions in one reply: some 300 kB. For more, clients request the sessions before the last one.
+/// Maximum number of sessions in one reply: some 300 kB. For more, clients request the sessions listed after the last
+/// one.
 const MOST_LISTED: u64 = 1000;
 
-/// The manager on one connection, and the gate through which its callers come.
+/// The manager on one connection, and the gate of the connection.
 pub(crate) struct Manager1(pub(crate) Arc<Controller>, pub(crate) Arc<Gate>);
 
 /// The daemon itself.
@@ -238,7 +239,7 @@ impl Manager1 {
     /// in dbus/src/dictionaries/mod.rs.
     #[zbus(out_args("status"))]
     async fn status(&self) -> Result<Status, Fault> {
-        // it waits for the disk; everything else is read at one moment after it
+        // first, because it may wait for the disk: everything else is read together after it
         let health = self.health().await?;
         let active = self.0.active();
         Ok(Status {

@@ -18,7 +18,7 @@ use crate::session::option_values;
 use crate::session::option_values::checked;
 use survey::nanoseconds;
 
-/// Records held for a slow reader by default.
+/// Default number of records held for a slow reader.
 const RING: u64 = 64;
 
 /// The object of one session.

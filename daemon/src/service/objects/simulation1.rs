@@ -10,7 +10,7 @@ use crate::session::controller::Controller;
 use crate::session::option_values;
 use crate::session::option_values::checked;
 
-/// Only on the root object of a simulated rig.
+/// Registered on the root object, only if the rig is simulated.
 pub(crate) struct Simulation1(pub(crate) Arc<Controller>);
 
 /// Loads on the simulated sheet. The interface exists only if the rig is simulated.

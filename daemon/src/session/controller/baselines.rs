@@ -14,7 +14,8 @@ impl Controller {
     /// Makes an earlier baseline the current one; returns its id.
     ///
     /// # Errors
-    /// No such baseline, or one measured with other settings than a session would use now; a recording.
+    /// There is no such baseline, it was measured with other settings than a session would use now, or the daemon plays
+    /// a recording.
     pub(crate) fn use_baseline(&self, id: &str) -> Result<String, Fault> {
         if self.is_recording() {
             return Err(Fault::Unsupported(
@@ -29,8 +30,8 @@ impl Controller {
         Ok(id)
     }
 
-    /// Remarks to read before the baseline is used, a sentence each: noise that contradicts the configuration, a load
-    /// on the sheet. Computed once for each baseline.
+    /// Remarks for the operator before the baseline is used, one sentence each: noise that contradicts the
+    /// configuration, a load on the sheet. The search for a load is made once for each baseline.
     pub(crate) async fn baseline_remarks(
         self: &Arc<Self>,
         baseline: &Arc<Baseline>,
@@ -45,7 +46,7 @@ impl Controller {
             return remarks;
         }
         let (controller, baseline) = (Arc::clone(self), Arc::clone(baseline));
-        // one at a time, and kept even if its caller has gone
+        // one search at a time; the result is kept even if its caller has disconnected
         let found = containment::blocking(move || {
             let found = controller.remarks_on(&baseline);
             kept.insert(baseline.id.clone(), found.clone());
@@ -55,11 +56,11 @@ impl Controller {
         remarks
     }
 
-    /// The remarks on the current baseline, without those on its noise, if they are known; otherwise they are computed for
-    /// a later call.
+    /// The remarks on the current baseline, without those on its noise. `None` if they are not known yet; then they are
+    /// computed for a later call.
     pub(crate) fn known_remarks(self: &Arc<Self>) -> Option<Vec<String>> {
         let baseline = self.baseline().filter(|_| !self.is_recording())?;
-        // locked while they are computed
+        // locked while the remarks are computed
         let found = self.remarked.try_lock().ok()?.get(&baseline.id).cloned();
         if found.is_some() {
             return found;
@@ -69,10 +70,11 @@ impl Controller {
         None
     }
 
-    /// Gives an order to the tracked baseline of the running session; returns the number of the first frame that it is for.
+    /// Gives an order to the tracked baseline of the running session; returns the number of the first frame to which it
+    /// applies.
     ///
     /// # Errors
-    /// No session, one that does not follow its baseline, or another order.
+    /// There is no running session, it does not track its baseline, or the order is unknown.
     pub(crate) async fn override_tracking(&self, order: &str, by: String) -> Result<u64, Fault> {
         let Some(order) = TrackingOrder::named(order) else {
             return Err(Fault::InvalidOption(format!(
@@ -89,7 +91,7 @@ impl Controller {
         session.order_tracking(order, by).await
     }
 
-    /// How a baseline was followed, as JSON, as it was last kept.
+    /// The last stored summary of the tracking of a baseline, as JSON; `None` if there is none.
     pub(crate) async fn baseline_tracking(&self, baseline: &Baseline) -> Option<String> {
         let folder = self.runtime().setup.record_directory.clone();
         let id = baseline.id.clone();

@@ -99,9 +99,9 @@ pub(crate) struct Controller {
     pub observed: Observed,
     /// The sessions on disk.
     pub records: Records,
-    /// How the running session measures.
+    /// The plan of the running session.
     session_plan: watch::Sender<Option<Arc<RigPlan>>>,
-    /// Whether the record has been read; no session starts before.
+    /// Whether sessions may be started: the record has been read.
     begun: watch::Sender<bool>,
     /// Recent messages to and from the instruments.
     pub transcript: RingTranscript,
@@ -109,14 +109,14 @@ pub(crate) struct Controller {
     /// Marks of ended sessions, independent of their files.
     ends: Arc<EndMarks>,
     source: tokio::sync::Mutex<FrameSource>,
-    /// Locked while a session begins: a stop of the daemon waits until there is one to stop.
+    /// Locked while a session begins: a stop of the daemon waits until the session exists and can be stopped.
     beginning: tokio::sync::Mutex<()>,
-    /// Locked while a configuration is taken, and from the checks of a start until its session has begun: a reload in
-    /// between would change what was checked.
+    /// Locked while a configuration is applied, and from the checks of a start until its session has begun: a reload in
+    /// between would invalidate the checks.
     reloading: Arc<tokio::sync::Mutex<()>>,
-    /// The instruments that no other daemon may use.
+    /// The locks of the instruments, which no other daemon may use.
     locks: Mutex<InstrumentLocks>,
-    /// Notified when other instruments have been accepted.
+    /// Notified when the operator has accepted other instruments.
     agreed: Notify,
     inner: Mutex<Inner>,
     /// Remarks on baselines by id, without those on their noise.
@@ -125,7 +125,7 @@ pub(crate) struct Controller {
 
 struct Inner {
     state: State,
-    /// Whether the daemon is being stopped: nothing that uses the source begins any more.
+    /// Whether the daemon is being stopped: no operation that uses the source may begin.
     stopping: bool,
     baseline: Option<Arc<Baseline>>,
     active: Option<Arc<SessionStatus>>,
@@ -142,17 +142,17 @@ struct Inner {
     /// Unexpected instruments that were found and not accepted yet.
     others: Option<ExpectedIdentities>,
     source_state: SourceState,
-    /// The relays could not be verified open.
+    /// Whether the relays could not be verified open.
     relays_unknown: bool,
     recovery: Option<Recovery>,
-    /// Whether a task looks for the lost rig.
+    /// Whether a task tries to reconnect the lost rig.
     looking: bool,
     /// A configuration to be applied at the end of the session.
     waiting: Option<Box<Prepared>>,
 }
 
 impl Inner {
-    /// Refuses to begin what uses the source while the daemon is being stopped.
+    /// Refuses to begin an operation that uses the source while the daemon is being stopped.
     fn check_not_stopping(&self) -> Result<(), Fault> {
         match self.stopping {
             true => Err(Fault::SessionActive("the daemon is being stopped".into())),
@@ -252,12 +252,13 @@ impl Controller {
         })
     }
 
-    /// Whether so many sessions must be read that it is done after the start, by [`Controller::read_the_record`].
+    /// Whether the record has so many unread sessions that it is read after the start, by
+    /// [`Controller::read_the_record`].
     pub(crate) fn has_much_to_read(&self) -> bool {
         !*self.begun.borrow()
     }
 
-    /// Reads the record, and takes the last baseline from it.
+    /// Reads the record, and makes its last baseline the current one.
     pub(crate) async fn read_the_record(self: &Arc<Self>) {
         let controller = Arc::clone(self);
         let now = self.runtime().clock.wall();
@@ -278,7 +279,7 @@ impl Controller {
 
     /// Waits until sessions may be started.
     async fn may_start(&self) {
-        // the sender lives in self
+        // cannot fail: the sender is in `self`
         let _ = self.begun.subscribe().wait_for(|begun| *begun).await;
     }
 
@@ -389,7 +390,7 @@ impl Controller {
     /// resumes a measurement.
     ///
     /// # Errors
-    /// What could not be made safe.
+    /// A part of the rig could not be made safe.
     pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
         self.inner().stopping = true;
         self.stop_test();
@@ -411,18 +412,18 @@ impl Controller {
         self.make_safe().await
     }
 
-    /// Waits until no configuration is being taken; none is taken while this is held.
+    /// Waits until no configuration is being applied; none is applied while the guard is held.
     async fn without_reload(&self) -> OwnedMutexGuard<()> {
         Arc::clone(&self.reloading).lock_owned().await
     }
 
-    /// Waits until a session that is beginning has begun: only then can it be stopped, and otherwise it would switch the
-    /// current on later.
+    /// Waits until a session that is beginning has begun. It can be stopped only then; if it were not stopped, it would
+    /// switch the current on later.
     pub(crate) async fn no_session_begins(&self) {
         drop(self.beginning.lock().await);
     }
 
-    /// Source off and relays open, verified, as soon as the rig is free.
+    /// Switches the source off and opens the relays, both verified, as soon as the rig is not in use.
     pub(crate) async fn make_safe(&self) -> Result<(), String> {
         let source = self.source.lock().await;
         match &*source {

@@ -16,7 +16,7 @@ use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Trigger;
 
 impl Controller {
-    /// After a fault of the rig: looks for it in a task, unless one does already.
+    /// Starts a task that reconnects the rig after a fault, unless one is running.
     pub(super) fn look_for_rig(self: &Arc<Self>) {
         let since = self.runtime().clock.wall();
         let mut inner = self.inner();
@@ -39,7 +39,7 @@ impl Controller {
         }
     }
 
-    /// Whether the rig has no fault any more; then nobody looks for it.
+    /// Whether the rig has no fault any more; if so, notes that the reconnecting task ends.
     fn is_found(&self) -> bool {
         let mut inner = self.inner();
         inner.looking = inner.rig_fault.is_some();
@@ -107,7 +107,7 @@ impl Controller {
         self.rig_lost(&text);
     }
 
-    /// The rig cannot be used for this reason, and no session reconnects it: a fault, until it is found again.
+    /// Sets the fault of a rig that cannot be used and that no session reconnects, and starts to reconnect it.
     pub(super) fn rig_lost(self: &Arc<Self>, text: &str) {
         self.inner().rig_fault = Some(text.to_owned());
         let _ = self.change_state(Trigger::Fault(text.to_owned()));
@@ -115,7 +115,7 @@ impl Controller {
         self.look_for_rig();
     }
 
-    /// Reassembles the rig; it is verified off afterwards.
+    /// Reassembles the rig; afterwards its source is verified off.
     pub(super) async fn reassemble_rig(&self) -> Result<(), String> {
         let mut source = self.source.lock().await;
         if let Some(closed) = self.inner().closed.clone() {
@@ -139,7 +139,7 @@ impl Controller {
         Ok(())
     }
 
-    /// The rig is gone after a failed [`Controller::open_all`]: it is looked for, unless measuring is refused all the same until
+    /// Handles a failed [`Controller::open_all`]: the rig must be reconnected, unless measuring is refused anyway until
     /// the relays are open.
     fn not_opened(self: &Arc<Self>, error: &AssemblyError) -> Fault {
         let text = survey::error_chain(error);
@@ -147,13 +147,13 @@ impl Controller {
             let mut inner = self.inner();
             let before = inner.source_state;
             inner.source_state = match error.source_state() {
-                // of a rig that was there before
+                // the source had been reached before, and may be on
                 SourceState::NeverReached if before != SourceState::NeverReached => {
                     SourceState::Unknown
                 }
                 now => now,
             };
-            // the relays are commanded after the source
+            // relays are commanded only after the source was reached
             inner.relays_unknown |= inner.source_state != SourceState::NeverReached;
             inner.closed.is_some()
         };
@@ -164,11 +164,11 @@ impl Controller {
         Fault::InstrumentFault(text)
     }
 
-    /// Operator's command: switches off and opens every relay, both verified. Lifts the refusal after relays were found
-    /// closed at the start.
+    /// Operator's command: switches the source off and opens every relay, both verified. Lifts the refusal to measure
+    /// after relays were found closed at the start.
     ///
     /// # Errors
-    /// A session that is running, or what could not be made safe.
+    /// A session is running, or a part of the rig could not be made safe.
     pub(crate) async fn open_all(self: &Arc<Self>) -> Result<String, Fault> {
         if self.state().is_busy() {
             return Err(Fault::SessionActive(
@@ -179,7 +179,7 @@ impl Controller {
         let FrameSource::Rig { rig, plan } = &mut *source else {
             return Err(Fault::Unsupported("a recording has no relays".into()));
         };
-        // reassembled: settings are applied only now that the relays' state is known
+        // the rig is reassembled: its settings are applied only now that the state of the relays is known
         *rig = None;
         let (simulated_rig, identities) = (self.runtime().simulated_rig.clone(), self.identities());
         let assembled = assemble(

@@ -25,7 +25,7 @@ use survey::error_chain as chain;
 pub(super) const RECONNECT_INTERVALS: (Duration, Duration) =
     (Duration::from_millis(200), Duration::from_secs(10));
 
-/// Most consecutive failed frames, with the rig reconnected in between, before the session ends.
+/// Number of consecutive failed frames, with the rig reconnected in between, after which the session ends.
 pub(super) const MOST_FAILED: u32 = 3;
 
 /// Whether reconnecting can help: not if the rig cannot do what was requested.
@@ -42,7 +42,8 @@ pub(super) fn may_pass(error: &AcquireError) -> bool {
 }
 
 impl Controller {
-    /// Reports the safety of the rig after an attempt to make it safe; `None` where all of it was verified.
+    /// Stores and reports the state of the rig after an attempt to make it safe; `cleanup` is `None` if everything was
+    /// verified.
     pub(super) async fn report_safety(
         &self,
         session: Option<ActiveSession<'_>>,
@@ -89,7 +90,7 @@ impl Controller {
         }
     }
 
-    /// Suspends the session until the rig is back; `false` if it was stopped before.
+    /// Suspends the session until the rig is reconnected; `false` if the session was stopped before.
     pub(super) async fn recover(
         self: &Arc<Self>,
         session: ActiveSession<'_>,
@@ -99,7 +100,7 @@ impl Controller {
         let FrameSource::Rig { rig, plan } = source else {
             return false;
         };
-        // its links may be out of step, and its settings may be lost: it is reassembled
+        // its links may be out of step, and its settings may be lost: the rig is reassembled
         *rig = None;
         let text = failed_frame::describe(error);
         {

@@ -18,12 +18,13 @@ use config::Config;
 use survey::error_chain as chain;
 
 impl Controller {
-    /// Reloads the configuration; during a session, at its end. A refused one also discards an earlier one that waits for
-    /// that end: the file that it was read from has changed.
+    /// Reloads the configuration; during a session, it is applied when the session ends. If the configuration is
+    /// refused, an earlier one that waits for the end of the session is discarded too, because the file has changed
+    /// since.
     ///
     /// # Errors
-    /// Every problem of the file, a change that needs a restart, or a present rig that cannot be switched off; the
-    /// configuration in force stays.
+    /// The file has problems, a change needs a restart, or the present rig cannot be switched off. The configuration in
+    /// force is kept.
     pub(crate) async fn reload(self: &Arc<Self>) -> Result<String, Fault> {
         let outcome = self.reload_now().await.map_err(|fault| {
             let discarded = |text| match self.inner().waiting.take() {
@@ -61,7 +62,7 @@ impl Controller {
         self.take_or_wait(prepared).await
     }
 
-    /// Applies a configuration, at the end of the session if one runs or begins.
+    /// Applies a configuration: immediately, or at the end of the session if one is running.
     pub(super) async fn take_or_wait(
         self: &Arc<Self>,
         prepared: Prepared,
@@ -84,7 +85,7 @@ impl Controller {
         tokio::spawn(async move {
             let _no_start = controller.without_reload().await;
             if controller.active().is_some() {
-                // it waits for the end of the session that has begun meanwhile
+                // another session has begun: the configuration waits for its end
                 return;
             }
             let Some(prepared) = controller.inner().waiting.take() else {
@@ -128,7 +129,7 @@ impl Controller {
         if let FrameSource::Rig { rig, plan } = &mut *source {
             self.give_up_rig(rig, plan).await?;
         }
-        // only now: the configuration in force would otherwise stay without its locks
+        // replaced only now: until here the configuration in force may be kept, and needs its locks
         self.hold(locks);
         self.transcript.keep(runtime.setup.transcripts);
         let outcome = match frames {
@@ -172,7 +173,7 @@ impl Controller {
         };
         self.alarms.take_rules(&runtime.setup.config).await;
         *locked(&self.runtime) = Arc::new(runtime);
-        // they depend on the model
+        // the remarks depend on the model
         self.remarked.lock().await.clear();
         drop(source);
         let text = match outcome {
@@ -198,8 +199,8 @@ impl Controller {
         Ok(text)
     }
 
-    /// Makes the present rig safe before another one takes its place. A lost rig that may be live is connected again for
-    /// that: instruments of the new configuration do not show whether the source of the old one is off.
+    /// Makes the present rig safe before it is replaced. A lost rig that may be live is reconnected for that: the
+    /// instruments of the new configuration do not show whether the source of the old one is off.
     ///
     /// # Errors
     /// The source is not verified off, or relays are not verified open.
@@ -221,7 +222,7 @@ impl Controller {
             None if source || relays => {
                 if let Err(text) = self.retry_assembly(None, plan).await {
                     return match self.unknown_parts() {
-                        // parts that may stay lost: the rig is not used again
+                        // the source is off and the relays are open: the lost instruments are not used again
                         (false, false) => Ok(()),
                         _ => Err(Fault::InstrumentFault(format!(
                             "the present rig cannot be switched off: {text}; connect it again, or switch it off by hand \
@@ -266,7 +267,7 @@ fn same_rig(old: &Config, new: &Config) -> bool {
         && old.wiring == new.wiring
 }
 
-/// Whether profile and scene are unchanged; the simulated sheet is then kept.
+/// Whether profile and scene are unchanged; if so, the simulated sheet is kept.
 fn same_simulation(old: &Runtime, plan: &RigPlan) -> bool {
     old.plan
         .as_deref()

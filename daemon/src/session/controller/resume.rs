@@ -19,7 +19,7 @@ use crate::session::controller::Controller;
 use survey::Protocol;
 use survey::error_chain as chain;
 
-/// Bytes that are enough to open a session.
+/// Free space, bytes, that suffices to open a session.
 const SPACE_TO_OPEN: u64 = 1 << 20;
 /// Period in which resumptions of a session are counted.
 const AN_HOUR: TimeDelta = TimeDelta::try_hours(1).unwrap();
@@ -40,9 +40,9 @@ pub(super) struct Interrupted {
 pub(super) enum NotResumed {
     /// Permanently: it is closed with this reason.
     Closed(String),
-    /// Not by this daemon as configured: it is left as it is.
+    /// Not with the present configuration: the session is left unchanged.
     Left(String),
-    /// Not until the disk can be written again, another process releases the file, or a test of the rig has ended.
+    /// Not yet: the disk must become writable, another process must release the file, or a test of the rig must end.
     Later(String),
 }
 
@@ -89,7 +89,7 @@ impl Controller {
         let mut newest = None;
         let marks = self.with_end_marks(EndMarks::reasons).await;
         let Some(mut ended) = marks else {
-            // an ended session cannot be distinguished from an interrupted one
+            // without the marks, an ended session cannot be distinguished from an interrupted one
             return false;
         };
         for session in found {
@@ -111,7 +111,7 @@ impl Controller {
                 self.with_end_marks(move |ends| ends.clear(&id)).await;
             }
         }
-        // the files of these record the end themselves, or are gone
+        // the remaining marks are of sessions whose file records the end, or was deleted
         self.with_end_marks(move |ends| {
             for id in ended.keys() {
                 ends.clear(id);
@@ -133,7 +133,7 @@ impl Controller {
         true
     }
 
-    /// Returns whether it is resumed, or will be when the disk can be written again.
+    /// Resumes a session. Returns whether it is resumed now or will be later.
     async fn resume_or_wait(self: &Arc<Self>, path: &Path, id: String) -> bool {
         match self.resume(path.to_owned()).await {
             Ok(()) => true,
@@ -171,7 +171,7 @@ impl Controller {
         let folder = runtime.setup.record_directory.clone();
         let opened = tokio::task::spawn_blocking(move || {
             open(&path).map_err(|error| match free_bytes(&folder) {
-                // without space for its journal's companions, SQLite reports other errors
+                // without space for the files of its journal, SQLite reports other errors
                 Ok(free) if free < SPACE_TO_OPEN => NotResumed::Later(chain(&error)),
                 _ => error.into(),
             })
@@ -276,7 +276,7 @@ impl Controller {
     }
 }
 
-/// Reads everything needed from an interrupted session.
+/// Opens an interrupted session, and reads its baseline.
 fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookError> {
     let reader = SessionReader::open(path)?;
     let (baseline, last) = (reader.baseline()?, reader.last()?);
@@ -295,8 +295,9 @@ fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookE
     Ok((found, baseline))
 }
 
-/// How many resumptions lie within an hour of now. Later ones count too: a machine without a battery-backed clock may
-/// fail again and again at the same time of its clock. Those further ahead come from before the clock fell behind.
+/// The number of resumptions less than an hour before or after `now`. Times after `now` count because a machine without
+/// a battery-backed clock may fail repeatedly at the same time of its clock. Times more than an hour after `now` are
+/// from before the clock was set back.
 fn within_an_hour(before: &[DateTime<Utc>], now: DateTime<Utc>) -> u64 {
     let near = |at: &&DateTime<Utc>| now.signed_duration_since(**at).abs() < AN_HOUR;
     before.iter().filter(near).count() as u64
@@ -304,7 +305,7 @@ fn within_an_hour(before: &[DateTime<Utc>], now: DateTime<Utc>) -> u64 {
 
 /// The known cause of the interruption.
 fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String {
-    // not from /proc, which is hidden in the unit
+    // `/proc` is not used, because it is hidden in the systemd unit
     let up = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
     let booted = TimeDelta::try_seconds(up.tv_sec).and_then(|up| now.checked_sub_signed(up));
     let restarted = booted.is_some_and(|booted| booted > last);

@@ -1,4 +1,4 @@
-//! Events of the rig: reported, and written to the record of the session under way.
+//! Events of the rig: reported, and written to the record of the running session.
 
 use rig::Clock;
 use tokio::sync::mpsc;
@@ -30,12 +30,13 @@ impl Controller {
         let event = Event::new(at, kind, text, id);
         self.events.report(event.clone());
         if let Some(session) = session {
-            // a failed record has ended its session, which reports it
+            // fails only if the record has failed, which ends the session and is reported by it
             let _ = session.record.send(RecorderMessage::Event(event)).await;
         }
     }
 
-    /// Reports changes of alarms: those of rules in the record of the running session, where it can take them.
+    /// Reports changes of alarms. Those of rules are also queued for the record of the running session, if its queue is
+    /// not full.
     pub(crate) fn report_changes(&self, changes: Vec<Change>) {
         let at = self.runtime().clock.wall();
         for change in changes {

@@ -24,15 +24,15 @@ use imaging::noise::{self, DEFAULT_NOISE_UV};
 use self_test::{ExpectedSheet, ProbeError, Report, Request, assess, with_neighbours};
 use survey::error_chain as chain;
 
-/// In the record's directory: a line of JSON for every self-test.
+/// Name of the file in the record's directory with a line of JSON for every self-test.
 const REPORTS: &str = "tests.jsonl";
 
 impl Controller {
     /// Tests the rig: every relay against the sheet's own resistances, contacts, reciprocity, noise. The source is off
-    /// and verified afterwards; the report is kept beside the sessions.
+    /// and verified afterwards; the report is stored in the record's directory.
     ///
     /// # Errors
-    /// A session that runs, a recording, an instrument or a disk that fails.
+    /// A session is running, the daemon plays a recording, or an instrument or the disk fails.
     pub(crate) async fn test_instruments(self: &Arc<Self>) -> Result<Report, Fault> {
         self.alone(
             true,
@@ -41,17 +41,17 @@ impl Controller {
         .await
     }
 
-    /// How often each relay has closed, and its remaining life.
+    /// The closures of each relay, and its remaining life.
     ///
     /// # Errors
-    /// As [`Controller::test_instruments`]; a multiplexer board, whose chips do not wear.
+    /// As [`Controller::test_instruments`]; the rig has a multiplexer board, whose chips do not wear.
     pub(crate) async fn relay_wear(self: &Arc<Self>) -> Result<Vec<Wear>, Fault> {
         self.alone(false, |controller| async move {
             let wear = Arc::clone(&controller).read_wear().await;
             if let Err(Fault::InstrumentFault(_)) = wear
                 && let FrameSource::Rig { rig, .. } = &mut *controller.source.lock().await
             {
-                // its links may be out of step: it is reassembled
+                // its links may be out of step: the rig is reassembled
                 *rig = None;
             }
             wear
@@ -97,8 +97,9 @@ impl Controller {
         Ok(discover(&search).await)
     }
 
-    /// Runs an operation on the rig while no session can use it. It continues if its caller has gone. A fault of the rig
-    /// stays while the rig cannot be used; any other fault stays unless the operation `tests` the rig.
+    /// Runs an operation on the rig while no session can use it. The operation continues if its caller has
+    /// disconnected. A fault of the rig remains while the rig cannot be used; any other fault remains unless the
+    /// operation `tests` the rig.
     async fn alone<T, F>(
         self: &Arc<Self>,
         tests: bool,
@@ -122,7 +123,7 @@ impl Controller {
             let task = tokio::spawn(act(Arc::clone(&controller)));
             let outcome = match task.await {
                 Ok(outcome) => outcome,
-                // the operation was interrupted
+                // the operation has panicked
                 Err(_) => match controller.make_safe_again().await {
                     Ok(()) => Err(Fault::Failed(
                         "the daemon's own code failed; its log says where, please report it".into(),
@@ -135,7 +136,7 @@ impl Controller {
                 tracing::error!("{text}");
                 controller.rig_lost(text);
             } else {
-                // a rig that has come back meanwhile has ended its fault
+                // if the rig was reconnected meanwhile, its fault has ended
                 let stays = controller.rig_fault().is_some() || !(tests || lost);
                 let _ = controller.change_state(match before {
                     State::Faulted(why) if stays && controller.state() == State::Testing => {
@@ -151,7 +152,7 @@ impl Controller {
             .unwrap_or_else(|_| Err(Fault::Failed("the daemon's own code failed".into())))
     }
 
-    /// Stops a running self-test; it leaves the source off.
+    /// Stops a running self-test, which then switches the source off.
     pub(super) fn stop_test(&self) {
         if let Some(button) = &self.inner().test {
             button.press();
@@ -168,7 +169,7 @@ impl Controller {
         };
         let made = held.safe_off(&plan.plan.wiring).await;
         made.map_err(|error| {
-            // its links may be out of step: it is reassembled
+            // its links may be out of step: the rig is reassembled
             *rig = None;
             error.to_string()
         })

@@ -1,4 +1,4 @@
-//! Records the end of a session apart from its file, before it is reported; see [`crate::recording::end_marks`].
+//! Records the end of a session in an end mark, before the end is reported; see [`crate::recording::end_marks`].
 
 use std::sync::Arc;
 
@@ -13,8 +13,8 @@ use crate::session::controller::Controller;
 use survey::nanoseconds;
 
 impl Controller {
-    /// Marks the session when its end is requested, during its last frame: the daemon may be killed before the file is
-    /// closed.
+    /// Marks the session as soon as its end is requested, while its last frame is still being measured: the daemon may
+    /// be killed before the file is closed.
     pub(super) async fn mark_when_requested_to_end(self: Arc<Self>, status: Arc<SessionStatus>) {
         let mut stop = status.stop_request();
         tokio::select! {
@@ -71,7 +71,7 @@ impl Controller {
         self.events.report(Event::new(at, kind, &text, None));
     }
 
-    /// On a separate thread: an end must not wait for a client's reading request.
+    /// Runs `act` on a separate thread: the end of a session must not wait for a client's reading request.
     pub(super) async fn with_end_marks<T: Send + 'static>(
         &self,
         act: impl FnOnce(&EndMarks) -> T + Send + 'static,

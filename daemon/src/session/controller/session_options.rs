@@ -48,22 +48,22 @@ pub(super) struct Assignment {
     pub frames: u64,
     pub baseline: Option<Arc<Baseline>>,
     pub model: Option<Model>,
-    /// The settings of the model, complete: with the noise of its baseline, if the method is set by it.
+    /// The complete settings of the model, including the noise of the baseline if the method uses it.
     pub settings: Option<ReconstructionSettings>,
     /// The plan, if it differs from the configured one.
     pub plan: Option<Arc<RigPlan>>,
     pub about: About,
-    /// The options that it was started with, as stored in its file.
+    /// The options that the session was started with, as JSON, stored in its file.
     pub requested: String,
     /// The interrupted session, and the event of its resumption.
     pub resumed: Option<(Box<Interrupted>, String)>,
-    /// That event, if it could not be written before the session was resumed.
+    /// The event of the resumption, if it could not be written before the session was resumed.
     pub first_event: Option<String>,
     /// The last frame before the interruption.
     pub before: Option<Record>,
 }
 
-/// Notes about the experiment: the options, else the configuration.
+/// Notes about the experiment: from the options, otherwise from the configuration.
 fn about(options: &SessionOptions, given: &AboutSection) -> About {
     let word = |message: &Option<String>, given: &String| message.as_ref().unwrap_or(given).clone();
     About {
@@ -97,7 +97,7 @@ fn overlaid(
     serde_json::from_value(survey)
 }
 
-/// The protocol of a session: of its plan, else the configured one.
+/// The protocol of a session: that of its plan, otherwise the configured one.
 pub(super) fn protocol_of<'a>(plan: Option<&'a RigPlan>, setup: &'a Setup) -> &'a Protocol {
     plan.map_or(&setup.protocol, |own| &own.plan.protocol)
 }
@@ -124,7 +124,7 @@ impl Controller {
         self.begin(order, no_reload).await
     }
 
-    /// Resolves options; against the `own` baseline of a resumed session.
+    /// Resolves the options of a measurement. `own` is the baseline of a resumed session.
     ///
     /// # Errors
     /// As [`Controller::start_session`], but nothing is started.
@@ -164,12 +164,12 @@ impl Controller {
         let (model, settings) = self
             .chosen_model(options.model.as_deref(), plan.as_deref(), &baseline)
             .await?;
-        // not checked for a resumed session, which is recorded however busy the machine is now
+        // not checked for a resumed session, which is recorded even if the machine is busy now
         if !goes_on {
             self.check_map_time(&model, &baseline, plan.as_ref(), &schedule)
                 .await?;
         }
-        // the configuration may differ when the session is resumed
+        // stored, because the configuration may differ when the session is resumed
         let every = schedule.every.as_secs_f64();
         requested.insert("every_s".to_owned(), every.into());
         if let Some(count) = schedule.count {
@@ -237,11 +237,11 @@ impl Controller {
         self.begin(order, no_reload).await
     }
 
-    /// The plan of a session with these options, its ranges from the current baseline. Computes for a while: must not
+    /// The plan of a session with these options, with ranges from the current baseline. Takes long to compute: must not
     /// be called on the threads that sessions need.
     ///
     /// # Errors
-    /// An invalid option; a recording.
+    /// An option is invalid, or the daemon plays a recording.
     pub(crate) fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
         let options = read(options, &[&MEASURING_OPTIONS])?;
         let own = self.own_survey(&options)?;
@@ -251,16 +251,16 @@ impl Controller {
             None => runtime.plan.clone().ok_or_else(no_plan)?,
         };
         let hash = plan.settings().protocol_hash;
-        // a baseline of another pattern does not determine the ranges
+        // a baseline of another pattern cannot determine the ranges
         let baseline = baseline.filter(|baseline| baseline.settings.protocol_hash == hash);
         let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
         Ok(measuring.now().unwrap_or(plan))
     }
 
-    /// The baseline with this id, read from the record if need be; the current one without an id.
+    /// The baseline with this id, read from the record if needed; without an id, the current one.
     ///
     /// # Errors
-    /// No such baseline.
+    /// There is no such baseline.
     pub(crate) fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
         let current = self.baseline();
         let Some(id) = id else {
@@ -283,7 +283,7 @@ impl Controller {
                     survey::printable(id)
                 )))
             }
-            // of measurements too, which are no candidates
+            // the ids that match may be those of measurements, so they are not listed
             Err(LogbookError::Ambiguous { .. }) => Err(Fault::InvalidOption(format!(
                 "'{}' is the beginning of several session ids, not the id of a baseline; `tactus baseline list` lists the recorded ones",
                 survey::printable(id)
@@ -302,7 +302,7 @@ impl Controller {
         Ok(protocol_of(plan.as_deref(), &self.runtime().setup).clone())
     }
 
-    /// The plan of a session with survey options; `None` without any.
+    /// The plan of a session with survey options; `None` if they do not change the configured survey.
     async fn own_plan(&self, options: &SessionOptions) -> Result<Option<Arc<RigPlan>>, Fault> {
         let Some(survey) = self.own_survey(options)? else {
             return Ok(None);
@@ -314,7 +314,7 @@ impl Controller {
         }
     }
 
-    /// The survey of a session with survey options; `None` without any.
+    /// The survey of a session with survey options; `None` if they do not change the configured survey.
     fn own_survey(&self, options: &SessionOptions) -> Result<Option<SurveySection>, Fault> {
         let runtime = self.runtime();
         let configured = &runtime.setup.config.survey;
@@ -359,7 +359,7 @@ impl Controller {
             .map_err(|error| Fault::BaselineMismatch(error.to_string()))
     }
 
-    /// The reconstructor of a session, and its settings, with the noise of the baseline if the method is set by it.
+    /// The reconstructor of a session and its settings, including the noise of the baseline if the method uses it.
     async fn chosen_model(
         self: &Arc<Self>,
         requested: Option<&str>,
@@ -368,7 +368,7 @@ impl Controller {
     ) -> Result<(Model, ReconstructionSettings), Fault> {
         let runtime = self.runtime();
         let protocol = protocol_of(plan, &runtime.setup).clone();
-        // preparation has set the method by the noise of a recording's baseline, if that has a unit
+        // for a recording, the preparation has already set the noise, if it is known
         let by_baseline = !self.is_recording();
         let noise_uv = by_baseline.then(|| 1e6 * noise::against(baseline));
         let configured = &runtime.setup.config.model;
@@ -393,7 +393,7 @@ impl Controller {
                 ..
             } = &runtime.setup;
             let mut settings = match requested.as_deref() {
-                // the configured method, for a pattern of the session's own
+                // the configured method, for the session's own pattern or with the noise of its baseline
                 None => config.model.clone(),
                 Some("one-step") => ReconstructionSettings {
                     method: Some(Method::OneStep),

@@ -12,9 +12,9 @@ use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
 use crate::session::controller::Controller;
 use crate::session::controller::resume::NotResumed;
 
-/// Between two attempts to resume.
+/// First time between two attempts to resume; it doubles after each attempt.
 const RETRY: Duration = Duration::from_secs(1);
-/// Longest time between two attempts; the pause doubles up to it.
+/// Maximum time between two attempts.
 const RETRY_AT_MOST: Duration = Duration::from_secs(10);
 /// How long a stop waits for the file to be closed; the separate end mark is durable by then.
 const TO_CLOSE: Duration = Duration::from_millis(500);

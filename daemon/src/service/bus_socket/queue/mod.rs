@@ -1,5 +1,5 @@
-//! Queue of messages waiting to be served: in order for each sender, round-robin between senders; tracks calls without
-//! a reply until they have been served.
+//! Queue of messages waiting to be served: in order for each sender, round-robin between senders. Counts calls that
+//! expect no reply until they have been served.
 
 #[cfg(test)]
 mod tests;
@@ -17,17 +17,17 @@ use crate::locked::locked;
 /// Sender of the broker's own messages; cannot be forged.
 const BROKER: &str = "org.freedesktop.DBus";
 
-/// Most calls without a reply of one sender, waiting or running. The bus does not limit them.
+/// Maximum number of calls of one sender that expect no reply, waiting or running. The bus does not limit them.
 const UNANSWERED_EACH: usize = 16;
-/// The same for all untrusted senders together.
+/// Number of such calls of all senders from which those of untrusted senders are dropped.
 const UNANSWERED_ALL: usize = 1024;
-/// Longest call without a reply, bytes; the daemon's methods need far less.
+/// Maximum size of such a call, bytes; the daemon's methods need far less.
 const LONGEST_UNANSWERED: usize = 64 * 1024;
 
-/// Most bytes waiting; more stay in the bus, which limits calls that expect a reply.
+/// Maximum number of bytes waiting. Further messages stay in the bus, which limits calls that expect a reply.
 const MOST_BYTES: usize = 64 << 20;
 
-/// A message, or a line of the authentication before the first.
+/// A message, or a line of the authentication before the first message.
 #[derive(Debug)]
 pub(super) struct Incoming {
     pub(super) bytes: Vec<u8>,
@@ -63,30 +63,30 @@ struct Waiting {
     /// Order of service: trusted senders, and all others. Each sender with calls is in one of them once, or in
     /// `paused`.
     turns: [VecDeque<String>; 2],
-    /// Senders that are not served until one of their calls without a reply has finished.
+    /// Senders that are not served until their running call that expects no reply has finished.
     paused: BTreeSet<String>,
     /// Connected senders that may control the rig.
     trusted: BTreeSet<String>,
     /// Whether the last call served was of a trusted sender.
     trusted_had_turn: bool,
-    /// Calls without an answer of each sender.
+    /// Calls that expect no reply, by sender.
     unanswered: BTreeMap<String, Unanswered>,
     unanswered_all: usize,
     bytes: usize,
     ended: bool,
 }
 
-/// Calls without a reply of one sender.
+/// Calls of one sender that expect no reply.
 #[derive(Debug, Default)]
 struct Unanswered {
-    /// Waiting or running calls by serial number, which may be used twice.
+    /// Number of waiting or running calls for each serial number, which a sender may use twice.
     numbers: BTreeMap<u32, usize>,
     all: usize,
     under_way: usize,
 }
 
 impl Queue {
-    /// An empty queue; `acts` tells whether a method changes something, by interface and member.
+    /// An empty queue; `has_effect` tells whether a method changes something, by interface and member.
     pub(crate) fn new(has_effect: fn(&str, &str) -> bool) -> Self {
         Self {
             has_effect,
@@ -185,7 +185,7 @@ impl Waiting {
         has_effect: fn(&str, &str) -> bool,
     ) -> Disposition {
         let Some(header) = header::read(message).filter(Header::is_call) else {
-            // the daemon subscribes to no other's signals, and anybody may send them
+            // the daemon subscribes only to signals of the broker, and any user may send others
             let of_others = |header: Header<'_>| header.is_signal() && header.sender != BROKER;
             if header::read(message).is_some_and(of_others) {
                 return Disposition::Ignored;

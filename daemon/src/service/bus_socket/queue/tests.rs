@@ -21,7 +21,7 @@ fn push(queue: &Queue, message: &Message) -> Disposition {
     queue.push(message.data().bytes(), Vec::new())
 }
 
-/// Sender and number of each call that is taken now.
+/// Takes all calls that can be served now; returns sender and serial number of each.
 fn taken(queue: &Queue) -> Vec<(String, u32)> {
     let mut taken = Vec::new();
     while let Some(next) = take(queue) {
@@ -71,7 +71,7 @@ fn a_flood_without_answers_is_cut_and_others_are_kept() {
         .filter(|disposition| **disposition == Disposition::Dropped)
         .count();
     assert_eq!(lost, 100 - UNANSWERED_EACH);
-    // the bus limits callers that wait for a reply, and none of their calls is lost
+    // calls that expect a reply are limited by the bus; none of them is dropped
     for number in 0..100 {
         assert_eq!(
             push(&queue, &call(":1.1", "Stop", true, number)),
@@ -95,7 +95,7 @@ fn a_call_without_answer_counts_until_it_has_been_served() {
         assert_eq!(push(&queue, &stop), Disposition::Queued);
     }
     assert_eq!(push(&queue, &stop), Disposition::Dropped);
-    // one at a time for an untrusted sender
+    // an untrusted sender is served one call at a time
     assert!(take(&queue).is_some());
     assert!(take(&queue).is_none());
     assert_eq!(push(&queue, &stop), Disposition::Dropped);
@@ -105,7 +105,7 @@ fn a_call_without_answer_counts_until_it_has_been_served() {
     assert_eq!(push(&queue, &stop), Disposition::Queued);
     assert!(take(&queue).is_some());
     assert!(take(&queue).is_none());
-    // a sender that disconnects is not waited for
+    // the calls of a sender that has disconnected are no longer counted
     queue.forget(":1.1");
     assert!(!queue.is_served(":1.1", serial));
     assert_eq!(locked(&queue.waiting).unanswered_all, 0);

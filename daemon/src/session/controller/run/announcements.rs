@@ -1,4 +1,4 @@
-//! What clients learn of a session: its frames, its changes, and its end for a while.
+//! Announces a session to clients: its frames, its changes and its end. An ended session stays on the bus for a while.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use crate::session::controller::{Controller, Inner};
 
 /// Ended sessions kept on the bus, so that their clients can query the result.
 const ENDED_SESSIONS: usize = 16;
-/// At most five summaries a second.
+/// Minimum time between two summaries: at most five a second.
 const SUMMARY_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Controller {

@@ -18,7 +18,7 @@ use crate::session::controller::rig_events::ActiveSession;
 use crate::session::state::Trigger;
 
 impl Controller {
-    /// Suspends and resumes the daemon's state with acquisition.
+    /// Changes the state of the daemon when acquisition pauses and continues.
     pub(super) async fn follow_pauses(self: Arc<Self>, mut pauses: mpsc::Receiver<Pause>) {
         while let Some(Pause { pauses, applied }) = pauses.recv().await {
             let _ = self.change_state(match pauses {
@@ -54,7 +54,7 @@ impl Controller {
             self.frame_failed(session, error).await;
             if status.stop_request().is_requested() || !may_pass(error) || failed >= MOST_FAILED {
                 if let FrameSource::Rig { rig, .. } = &mut *source {
-                    // its links may be out of step: it is reassembled
+                    // its links may be out of step: the rig is reassembled
                     *rig = None;
                 }
                 return self.fault_or_stop(&status, ended);
@@ -68,8 +68,8 @@ impl Controller {
         }
     }
 
-    /// A session that ends because the daemon is stopped has no fault: the failed frame and the state of the source are events
-    /// of it, and the daemon's exit code says whether the source is off.
+    /// A session that ends because the daemon is stopped is not faulted: the failed frame and the state of the source
+    /// are events of the session, and the daemon's exit code reports whether the source is off.
     fn fault_or_stop(&self, status: &SessionStatus, ended: AcquisitionEnd) -> AcquisitionEnd {
         if !self.inner().stopping || !status.stop_request().is_requested() {
             return ended;

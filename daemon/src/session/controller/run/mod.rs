@@ -98,7 +98,7 @@ impl Controller {
         let writer = tokio::task::spawn_blocking(move || match resumed {
             Some((found, text)) => {
                 let mut writer = found.writer;
-                // without space, or under a lock, it waits in the recorder like everything else, and can be stopped
+                // without space, or under a lock, the event waits in the recorder, where the wait can be stopped
                 let waits = match writer.event(started, logbook::RESUMED, &text) {
                     Ok(()) => false,
                     Err(error) if error.may_pass() => true,
@@ -158,7 +158,7 @@ impl Controller {
         let task = tokio::spawn(Arc::clone(self).run_session(Arc::clone(&status), writer, order));
         let (controller, kept) = (Arc::clone(self), Arc::clone(&status));
         tokio::spawn(async move {
-            // a frame ends with the source off, and acquisition handles its panics: here only the session is lost
+            // the source is already off, because acquisition handles its own panics: only the session is ended here
             if task.await.is_err() {
                 let text = "the daemon's own code failed; its log says where, please report it";
                 controller.finish(
@@ -396,7 +396,7 @@ impl Controller {
                 _ => format!("the record failed, the source is off: {disk}"),
             }),
             (Ok(_), AcquisitionEnd::Done(why)) => status.has_failed().then(|| why.clone()),
-            // the cause may be known
+            // the fault of the rig is the cause, if it is known
             (Ok(_), AcquisitionEnd::NoRig) => self.rig_fault().or_else(|| Some(ended.text())),
             (Ok(_), ended) => Some(ended.text()),
         };
@@ -443,14 +443,15 @@ impl Controller {
     }
 }
 
-/// As long as the session lasts. A busy recorder checks by itself.
+/// Requests checks that the file is still at its path, while the session runs. While frames are written, the recorder
+/// checks without a request.
 async fn request_file_checks(orders: mpsc::WeakSender<RecorderMessage>) {
     loop {
         tokio::time::sleep(FILE_CHECK_INTERVAL).await;
         let Some(orders) = orders.upgrade() else {
             return;
         };
-        // must not take the queue's place of a frame
+        // must not fill the queue, in which frames wait
         if orders.capacity() > QUEUE / 2 {
             let _ = orders.try_send(RecorderMessage::CheckFile);
         }

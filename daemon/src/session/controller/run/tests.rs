@@ -1,4 +1,4 @@
-//! Sessions that begin while the daemon stops, reloads or panics, and the search for a lost rig.
+//! Sessions that begin while the daemon stops, reloads or panics, and the reconnection of a lost rig.
 
 use std::sync::Arc;
 
@@ -15,7 +15,8 @@ use crate::session::controller::resume::NotResumed;
 use crate::session::panics::follow_panics;
 use crate::session::panics::tests::{DEADLINE, alone, in_real_time};
 
-/// A baseline that has passed its checks and waits for the rig, which the caller holds: there is no session yet.
+/// Starts to record a baseline. When this returns, the checks have passed, and the start waits for the rig, which the
+/// caller has locked: there is no session yet.
 async fn starting(controller: &Arc<Controller>) -> JoinHandle<Result<Arc<SessionStatus>, Fault>> {
     let starting = Arc::clone(controller);
     let start = tokio::spawn(async move {
@@ -60,7 +61,7 @@ async fn one_task_looks_for_a_rig_that_is_lost_twice() {
     let _alone = alone().await;
     let folder = tempfile::tempdir().unwrap();
     let (controller, _) = in_real_time(folder.path()).await;
-    // nobody finds it while this is locked
+    // the rig cannot be reconnected while this is locked
     let _rig = controller.source.lock().await;
     controller.rig_lost("the source is gone");
     let first = controller.inner().recovery.clone().unwrap();
@@ -92,7 +93,7 @@ async fn a_reload_during_a_start_waits_for_the_sessions_end() {
     let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
     let reloading = Arc::clone(&controller);
     let reload = tokio::spawn(async move { reloading.take_or_wait(prepared).await });
-    // on one thread: until the reload waits
+    // on one thread, this runs the reload until it waits
     tokio::task::yield_now().await;
     drop(rig);
     let status = start.await.unwrap().unwrap();
@@ -119,7 +120,7 @@ async fn a_panic_while_a_session_begins_ends_it() {
     let rig = controller.source.lock().await;
     let start = starting(&controller).await;
     panicked.send_replace("a place".to_owned());
-    // on one thread: until the panic's task waits
+    // on one thread, this runs the task that handles the panic until it waits
     tokio::task::yield_now().await;
     drop(rig);
     let status = start.await.unwrap().unwrap();
