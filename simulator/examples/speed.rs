@@ -1,15 +1,15 @@
-//! Time that the drivers add to that of relays and voltmeter: the table of measurements.
+//! Measures the time that the drivers add to that of relays and voltmeter; prints the table of measurements.
 //!
 //! ```text
 //! cargo run --release -p tactus-simulator --example speed            # everything (a minute)
 //! cargo run --release -p tactus-simulator --example speed -- quick   # without the frames in real time
-//! cargo run --release -p tactus-simulator --example speed -- messages    # where the time of a frame goes, message by message
-//! cargo run --release -p tactus-simulator --example speed -- python=VENV/bin/python   # with pyvisa beside it
+//! cargo run --release -p tactus-simulator --example speed -- messages    # the time of each message of a frame
+//! cargo run --release -p tactus-simulator --example speed -- python=VENV/bin/python   # with pyvisa for comparison
 //! ```
 //!
-//! Over loopback TCP. "Own time" is the time of a frame with instruments that take no time: servers that replay the
-//! answers of a recorded conversation, one per message. Minimum of several runs, because other work on the machine only
-//! adds time.
+//! All connections are loopback TCP. "Own time" is the time of a frame with instruments that take no time: servers
+//! that replay the replies of a recorded conversation, one per message. Times are the minimum of several runs,
+//! because other work on the machine only adds time.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Write};
@@ -95,7 +95,7 @@ async fn main() -> Result<(), AnyError> {
     Ok(())
 }
 
-/// A server that answers every line immediately.
+/// A server that replies to every line immediately.
 fn trivial() -> std::io::Result<SocketAddr> {
     serve(|_| Some("+1.00000000E+00".to_owned()))
 }
@@ -124,7 +124,7 @@ fn serve(
     Ok(address)
 }
 
-/// An instrument that answers each query of a line with one number, READ? with 26, and takes no time.
+/// An instrument that replies to each query of a line with one number, to READ? with 26, and takes no time.
 fn answering() -> std::io::Result<SocketAddr> {
     serve(|line| {
         let queries = line.split(';').filter(|piece| piece.contains('?'));
@@ -138,7 +138,8 @@ fn answering() -> std::io::Result<SocketAddr> {
     })
 }
 
-/// Writes with a query per second, and the minimum time of a frame of 26 x 26 readings, s, by pyvisa with this Python.
+/// Pairs of a write and a query per second, and the minimum time of a frame of 26 x 26 readings, s, by pyvisa with
+/// this Python.
 fn pyvisa(python: &str) -> Result<(f64, f64), AnyError> {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/pyvisa_speed.py");
     let mut command = std::process::Command::new(python);
@@ -155,7 +156,7 @@ fn pyvisa(python: &str) -> Result<(f64, f64), AnyError> {
     }
 }
 
-/// Prints the messages of a frame in real time: when each was sent, how long its answer took, and the instrument.
+/// Prints the messages of a frame in real time: when each was sent, the time until its reply, and the instrument.
 async fn messages() -> Result<(), AnyError> {
     let simulated = SimulatedRig::new(&Profile::load("pairs-34924a")?, Scene::quiet())?;
     let transcript = RingTranscript::new(1);
@@ -197,7 +198,8 @@ async fn messages() -> Result<(), AnyError> {
     Ok(())
 }
 
-/// Write and query per second: our driver, a bare blocking socket as the limit, and pyvisa if measured.
+/// Prints the pairs of a write and a query per second: our driver, a bare blocking socket as the limit, and pyvisa if
+/// measured.
 async fn conversations(peer: Option<(f64, f64)>) -> Result<(), AnyError> {
     const REQUESTED: u32 = 5_000;
     let address = trivial()?;
@@ -252,7 +254,7 @@ async fn connect(source: BoxStream, mainframe: BoxStream) -> Result<MainframeRig
     Ok(Rig::new(source, mainframe.clone(), mainframe).as_simulated(true))
 }
 
-/// The answers of an instrument in order, and the index from which frames repeat.
+/// The replies of an instrument in order, and the index from which frames repeat.
 #[derive(Clone)]
 struct Script {
     answers: Vec<(String, Option<String>)>,
@@ -307,7 +309,7 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
         acquire(&rig, &plan, meter, clock, &never).await?;
         marks.push(simulated.transcript().len());
     }
-    // The first two frames set up the instruments, the third is like all later ones.
+    // The first two frames set up the instruments; all later frames are like the third.
     let transcript = simulated.transcript();
     let mut streams = HashMap::new();
     for instrument in [Instrument::Source, Instrument::Mainframe] {

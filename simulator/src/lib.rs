@@ -1,4 +1,4 @@
-//! The simulated rig: the drivers' simulators joined to one phantom, in memory or on TCP.
+//! The simulated rig: the drivers' simulators connected to one phantom, in memory or on TCP.
 //!
 //! Every reading follows from the actual current and the relays that are actually closed. The drivers' simulators
 //! provide the behaviour, the phantom provides physics and imperfections; this crate connects them and serves the byte

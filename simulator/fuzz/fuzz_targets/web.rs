@@ -1,5 +1,5 @@
-//! Arbitrary bytes sent to the mainframe's web server: it never panics or hangs, every reply is complete, and only a request
-//! without its end has none.
+//! Arbitrary bytes sent to the mainframe's web server: it never panics or hangs, every reply is complete, and only an
+//! incomplete request has no reply.
 
 #![no_main]
 
@@ -12,7 +12,7 @@ use without_load::{RIG, RigWithoutLoad, rig_without_load};
 use libfuzzer_sys::fuzz_target;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-/// Bytes of a request with all its headers.
+/// Maximum length of a request with all its headers, bytes.
 const LONGEST: usize = 8192;
 
 async fn ask(rig: &SimulatedRig, request: &[u8]) {

@@ -39,7 +39,7 @@ pub(crate) enum Point {
     Common(u32, u32, bool),
 }
 
-/// The voltmeter's terminals.
+/// Terminals of the voltmeter.
 pub(crate) const METER_HI: Point = Point::Bus(1, true);
 pub(crate) const METER_LO: Point = Point::Bus(1, false);
 

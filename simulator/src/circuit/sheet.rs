@@ -37,8 +37,8 @@ pub(crate) struct ReadingRequest {
     pub(crate) bus: u32,
 }
 
-/// A phantom with its wiring: the load of the source, and the voltage at the voltmeter. While the phantom cannot be solved,
-/// the source sees an open circuit and readings are over range.
+/// A phantom with its wiring: the load of the source, and the voltage at the voltmeter. While the phantom cannot be
+/// solved, the source has an open circuit as its load and readings are over range.
 #[derive(Debug)]
 pub(crate) struct Sheet {
     pub(crate) phantom: Phantom,
@@ -112,7 +112,7 @@ impl Sheet {
         self.changed = at;
     }
 
-    /// Counts closures of relays, if an effect of the scene needs them; some may fail by them.
+    /// Counts closures of relays, if an effect of the scene needs them; relays may reach the end of their life.
     pub(crate) fn count(
         &mut self,
         relays: impl IntoIterator<Item = Relay>,

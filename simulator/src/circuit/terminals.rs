@@ -4,9 +4,9 @@
 //!
 //! | module | wired as |
 //! |---|---|
-//! | 34925A | channel k of both banks, counted on: pair k; both commons: the voltmeter by their ABus1 relays |
+//! | 34925A | channel k, numbered across both banks: pair k; both commons: the voltmeter by their ABus1 relays |
 //! | other multiplexer (34921A to 34924A) | channel k of bank 1 and channel k of bank 2: pair k; common of bank 2: the source |
-//! | dual matrix (34931A to 34933A) | columns: pairs, matrix 2 going on where matrix 1 ends; rows 1 and 5 jumpered: the voltmeter by the ABus1 relay of row 5; rows 2 and 6 jumpered: the source |
+//! | dual matrix (34931A to 34933A) | columns: pairs, numbered from matrix 1 to matrix 2; rows 1 and 5 jumpered: the voltmeter by the ABus1 relay of row 5; rows 2 and 6 jumpered: the source |
 //! | 34934A | rows I+, I-, V+, V-; column k: electrode k; the voltmeter by the rear ABus connector |
 //! | multiplexer board | poles I+, I-, V+, V-, any electrode on each; the voltmeter by the rear ABus connector |
 //!

@@ -10,7 +10,7 @@ use crate::instrument::section::{Section, check_command_ms, milliseconds, settin
 use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
 use crate::instrument::{Kind, Port};
 
-/// Its row of the table.
+/// Its row of the table of instruments.
 pub(super) const KIND: Kind = Kind {
     name: "gpio",
     shown: "gpio board",

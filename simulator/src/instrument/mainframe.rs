@@ -18,7 +18,7 @@ use crate::instrument::section::{Section, SectionError, check_command_ms, millis
 use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
 use crate::instrument::{Kind, Port, Profile};
 
-/// Its row of the table.
+/// Its row of the table of instruments.
 pub(super) const KIND: Kind = Kind {
     name: "34980a",
     shown: "34980a",
@@ -195,7 +195,7 @@ fn varies(message: &str) -> bool {
 struct SimulatedMainframe {
     simulator: Simulator34980a,
     slots: [Option<Module>; 8],
-    /// Whose module is out, or another one.
+    /// Slots whose module is removed or replaced.
     changed: [bool; 8],
     voltmeter_missing: bool,
 }

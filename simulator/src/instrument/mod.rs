@@ -1,14 +1,15 @@
-//! The instruments that can be simulated: their table, and the profile of a rig. `simulated_instruments` joins them to
-//! the sheet; connections of clients are in `transport`.
+//! The instruments that can be simulated: their table, and the profile of a rig. `simulated_instruments` connects
+//! them to the sheet; connections of clients are in `transport`.
 //!
-//! A further instrument is a file here, a variant of [`Instrument`] with its row in `Instrument::kind`, and a field of
-//! [`Profile`]. Profiles, goldens, replays, faults of its wire and serving follow from its row. What other files still do for
-//! one variant only:
-//! - `transport/socket.rs`: a second client of the source, and how long its slot is held; `transport/client.rs`: its rate
-//!   of messages and its serial port.
-//! - `serve.rs`: ports with an option of their own, the serial port of the source, fields of [`crate::Ready`] with names;
-//!   `transport/vxi11.rs`, `telnet.rs` and `web.rs`: the mainframe's other services.
-//! - `simulated_rig/faults.rs`: `Fault::Serial` is of the board; faults of slots and voltmeter switch the mainframe off.
+//! A further instrument needs a file in this folder, a variant of [`Instrument`] with its row in `Instrument::kind`,
+//! and a field of [`Profile`]. Profiles, goldens, replays, faults of its wire and serving use its row. Code for a
+//! single instrument outside this folder:
+//!
+//! - `transport/socket.rs`: a second client of the source, and the time for which its connection stays occupied
+//! - `transport/client.rs`: the source's rate of messages and its serial port
+//! - `serve.rs`: ports with an option of their own, the source's serial port, fields of [`crate::Ready`] with names
+//! - `transport/vxi11.rs`, `telnet.rs` and `web.rs`: further services of the mainframe
+//! - `simulated_rig/faults.rs`: `Fault::Serial` of the board; faults of slots and voltmeter switch the mainframe off
 
 mod board;
 pub(crate) mod fault;
@@ -48,10 +49,10 @@ pub enum Instrument {
 }
 
 impl Instrument {
-    /// All of them.
+    /// All instruments.
     pub const ALL: [Self; 3] = [Self::Source, Self::Mainframe, Self::Board];
 
-    /// Its row of the table.
+    /// Its row of the table of instruments.
     pub(crate) fn kind(self) -> &'static Kind {
         match self {
             Self::Source => &source::KIND,
@@ -122,7 +123,7 @@ pub enum Pace {
     Instant,
 }
 
-/// A row of the table: what the rest of the crate needs to know of an instrument.
+/// A row of the table of instruments: the properties that the rest of the crate uses.
 pub(crate) struct Kind {
     /// Name in transcripts and goldens.
     pub(crate) name: &'static str,
@@ -134,7 +135,7 @@ pub(crate) struct Kind {
     pub(crate) port: Port,
     /// Whether its replies contain numbers that the faults `nan` and `stale` can replace.
     pub(crate) has_numbers: bool,
-    /// Why a fault of it is refused, if a rig of this profile does not have it.
+    /// Reason for refusing a fault of it; `None` if a rig of this profile has the instrument.
     pub(crate) lacking: fn(&Profile) -> Option<&'static str>,
     /// Its sections of a profile.
     pub(crate) sections: &'static [Section],

@@ -74,7 +74,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         false
     }
 
-    /// Whether the numbers of the reply to a message are readings, which a fault of readings acts on.
+    /// Whether the numbers in the reply to a message are readings, to which faults of readings apply.
     fn asks_for_readings(&self, _message: &str) -> bool {
         false
     }

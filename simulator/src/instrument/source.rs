@@ -12,7 +12,7 @@ use crate::instrument::section::{OutOfRange, Section, check_command_ms, millisec
 use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
 use crate::instrument::{Kind, Port};
 
-/// Its row of the table.
+/// Its row of the table of instruments.
 pub(super) const KIND: Kind = Kind {
     name: "6221",
     shown: "6221",
@@ -137,7 +137,7 @@ impl SimulatedInstrument for SimulatedSource {
         self.simulator.receive(line, at, outside).into()
     }
 
-    /// The source measures nothing: its numbers are settings, and a fault of readings acts on these.
+    /// The source has no readings: faults of readings apply to its settings.
     fn asks_for_readings(&self, _: &str) -> bool {
         true
     }

@@ -1,5 +1,5 @@
-//! The instruments and the sheet of one rig, with their interactions. `instrument` defines each by itself, `transport` the
-//! connections of clients.
+//! The instruments and the sheet of one rig, with their interactions. Single instruments are in `instrument`,
+//! connections of clients in `transport`.
 
 mod faults;
 #[cfg(test)]

@@ -24,7 +24,7 @@ fn ask(instruments: &mut SimulatedInstruments, role: Instrument, line: &str) -> 
     reply.text.unwrap_or_default()
 }
 
-/// Lets time pass in steps, each followed by what is due, and asks for the state of both instruments.
+/// Advances the time in steps, performs what is due after each, and queries the state of both instruments.
 fn after(instruments: &mut SimulatedInstruments, time: Duration, steps: u32) -> [String; 2] {
     for _ in 0..steps {
         instruments.advance(time / steps);

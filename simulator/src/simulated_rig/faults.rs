@@ -152,8 +152,8 @@ impl SimulatedRig {
         self.link_faults()[instrument.index()].slower_by
     }
 
-    /// What happens to an instrument's next reply: the fault of its transport, and the reply with what is wrong in it.
-    /// `measured` if the numbers of the reply are readings, not settings.
+    /// Takes the fault of an instrument's next reply; returns it with the reply, whose readings are altered by a
+    /// fault of readings. `measured`: whether the numbers of the reply are readings, not settings.
     pub(crate) fn reply_fault(
         &self,
         instrument: Instrument,
@@ -179,7 +179,7 @@ pub(crate) struct LinkFaults {
 }
 
 impl LinkFaults {
-    /// What happens to the next reply; `measured` if its numbers are readings, not settings.
+    /// As [`SimulatedRig::reply_fault`].
     fn take(&mut self, reply: String, measured: bool) -> (Option<ReplyFault>, String) {
         let measured = measured && readings(&reply).next().is_some();
         let next = self.next.front_mut();
@@ -207,7 +207,8 @@ impl LinkFaults {
     }
 }
 
-/// The words of a reply that are readings: numbers with an exponent. A block's length would not fit other words.
+/// The words of a reply that are readings: numbers with an exponent. A block has none, because its length would no
+/// longer match.
 fn readings(reply: &str) -> impl Iterator<Item = &str> {
     let words = (!reply.starts_with('#')).then(|| reply.split([',', ';', ' ']));
     words.into_iter().flatten().filter(|word| is_reading(word))
@@ -248,7 +249,7 @@ mod tests {
             (None, "+1.0E+00".to_owned())
         );
         let mut take = |reply: &str| faults.take(reply.to_owned(), true);
-        // no reading in it: passed over
+        // no reading in it: the reply is unchanged, and the fault still applies to a later one
         assert_eq!(take("1"), (None, "1".to_owned()));
         assert_eq!(take("#17+1.0E-3"), (None, "#17+1.0E-3".to_owned()));
         let (fault, reply) = take("+1.5E-03 VDC,+2.5E-03 VDC;+0,\"No error\"");

@@ -78,7 +78,7 @@ pub(crate) struct Shared {
     /// Notifies displays of a possible change.
     pub(crate) changed: Notify,
     electrodes: usize,
-    /// For each instrument, why a fault of it is refused if this rig does not have it.
+    /// For each instrument, the reason for refusing its faults if this rig does not have it.
     lacking: [Option<&'static str>; Instrument::ALL.len()],
     source: Source,
 }
@@ -297,7 +297,7 @@ impl SimulatedRig {
         instruments
     }
 
-    /// A panic of a simulator was logged; its state is still useful for display.
+    /// The instruments. After a panic of a simulator, which was logged, their state is still useful for display.
     fn instruments(&self) -> MutexGuard<'_, SimulatedInstruments> {
         self.shared
             .instruments

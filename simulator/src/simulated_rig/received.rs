@@ -63,8 +63,8 @@ impl SimulatedRig {
         received
     }
 
-    /// Whether a client's session has ended; the rig's own never does. The answer holds while the caller has locked the
-    /// instruments: the end of a session waits for them.
+    /// Whether a client's session has ended; the rig's own never does. The result stays valid while the caller has
+    /// locked the instruments, because the end of a session waits for them.
     fn has_ended(&self, session: u32) -> bool {
         session != OWN_SESSION && !self.clients().contains_key(&session)
     }
@@ -129,7 +129,7 @@ impl SimulatedRig {
 
     pub(crate) fn clear_session(&self, instrument: Instrument, session: u32) {
         let mut instruments = self.instruments();
-        // A clear stops a measurement, which another client may have started since.
+        // A clear stops a measurement, which another client may have started after the end of this session.
         if !self.has_ended(session) {
             instruments.clear_session(instrument, session);
         }

@@ -41,7 +41,7 @@ pub struct SourceStatus {
     pub flowing_a: f64,
     /// Full scale of the range, amperes.
     pub range_a: f64,
-    /// Whether the voltage limit holds the current back.
+    /// Whether the voltage limit reduces the current.
     pub in_compliance: bool,
     /// Pulses sent on lines 1 to 6 of its trigger link.
     #[serde(default)]

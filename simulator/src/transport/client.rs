@@ -23,7 +23,7 @@ pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
 /// How long to wait for a reply for a client that has closed its sending side.
 const HALF_CLOSED_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A line that is no reply of any instrument, as of a wrong baud rate.
+/// A line that no instrument sends, as received with a wrong baud rate.
 const RUBBISH: &[u8] = b"\x8f\xfe?%x\xc3(\xb2;,\x07\n";
 
 /// Capacity of a pipe in memory, bytes.
@@ -280,9 +280,9 @@ impl ClientSession {
     }
 }
 
-/// Waits for a reply and watches the client: bytes received meanwhile are kept, up to a limit; a client that breaks the
-/// connection is released immediately, one that closed its sending side after [`HALF_CLOSED_TIMEOUT`], because it cannot be
-/// distinguished from one that has gone.
+/// Waits for a reply and watches the client: bytes received meanwhile are kept, up to a limit. A client that breaks
+/// the connection is released immediately. A client that has closed its sending side is released after
+/// [`HALF_CLOSED_TIMEOUT`], because it cannot be distinguished from one that no longer exists.
 async fn await_reply<S>(
     receiving: impl Future<Output = io::Result<Vec<u8>>>,
     stream: &mut S,

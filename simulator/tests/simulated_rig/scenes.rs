@@ -1,4 +1,4 @@
-//! The rig accepts the same scenes as the laboratory, by name and by file.
+//! The rig accepts the same scenes as `tactus-lab`, by name and by file.
 
 use simulator::{Pace, Profile, Scene, SimulatedRig};
 

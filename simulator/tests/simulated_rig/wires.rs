@@ -218,7 +218,8 @@ async fn source_answers_at_the_rate_of_its_command_time() {
     assert!(took <= expected + Duration::from_millis(5), "{took:?}");
 }
 
-/// Every example in the README's table is refused as an undefined header, or as a wrong argument where it says so.
+/// Every example in the README's table is refused as an undefined header, or as an invalid argument if the table
+/// states -108.
 #[test]
 fn commands_named_as_refused_are_undefined() {
     let chapter = include_str!("../../README.md");

@@ -22,7 +22,7 @@ pub enum ReplyFault {
     Doubled,
     /// It is cut off in the middle, without a line end.
     HalfLine,
-    /// It is replaced by a line that is no reply of any instrument, with bytes that are not ASCII.
+    /// It is replaced by a line that no instrument sends, with bytes that are not ASCII.
     Rubbish,
     /// Each of its readings is replaced by the text NAN; replies without readings are skipped.
     NotANumber,

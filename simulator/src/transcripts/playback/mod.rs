@@ -214,7 +214,8 @@ impl InstrumentProgress {
         }
     }
 
-    /// Compares a reply with that of the oldest message that was answered, or may have been.
+    /// Compares a recorded reply with the simulated one of the oldest message that has one, otherwise of the last
+    /// query.
     fn compare(
         &mut self,
         place: &str,
