@@ -1,7 +1,7 @@
-//! Measures the frames per second with one sync for each frame, and the bytes per frame: `cargo run --release -p
-//! tactus-logbook --example append_rate`. A frame has 598 readings with means in a range of 4,700 : 1 and noise of 2
-//! uV rms. The argument is a folder on the disk to be measured, by default the temporary folder. The rate depends on
-//! the sync time of that disk.
+//! Measures the frames per second with one sync for each frame, and the bytes per frame:
+//! `cargo run --release -p tactus-logbook --example append_rate`. A frame has 598 readings with means in a range of
+//! 4,700 : 1 and noise of 2 uV rms. The argument is a folder on the disk to be measured, by default the temporary
+//! folder. The rate depends on the sync time of that disk.
 
 use std::time::Instant;
 

@@ -4,9 +4,9 @@
 //! cargo run --release -p tactus-tests --example frame_times [-- FRAMES [DEEP.safetensors]]
 //! ```
 //!
-//! 200 frames per method by default. Without a file, a deep network of the paper's size is trained on a handful of
-//! cases: its maps are worthless, its time is realistic. Times are measured by the daemon's recorder thread: for the
-//! map alone, and from the last reading until frame and map are on disk.
+//! 200 frames per method by default. Without a file, a deep network of the paper's size is trained on a few cases:
+//! its maps are useless, but its computing time is realistic. Times are measured by the daemon's recorder thread: for
+//! the map alone, and from the last reading until frame and map are on disk.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

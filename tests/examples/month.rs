@@ -26,8 +26,8 @@ const MONTH: &str = include_str!("../../tomography/phantom/scenes/month.toml");
 /// Time between frames of the scene, s, as stated in its first comment.
 const SCENE_S: f64 = 600.0;
 const EVERY_S: f64 = 0.1;
-/// Speed of the instruments. Most of the scene's time passes in steps between frames: the sheet changes every minute of
-/// the scene, so that at 6,000 times real time each message would need a solution of its own.
+/// Speed of the instruments. Most of the scene's time passes in steps between frames: the sheet changes every minute
+/// of the scene, so at 6,000 times real time each message would need a solution of its own.
 const SPEED: f64 = 100.0;
 /// Frames between two faults.
 const FRAMES_BETWEEN: u64 = 60;
@@ -193,7 +193,7 @@ fn configuration(source: &str, mainframe: &str) -> String {
         )
 }
 
-/// Every fault once, in an order given by the seed.
+/// All faults, each once, in an order given by the seed.
 fn shuffled(seed: u64) -> Vec<Incident> {
     let mut order = INCIDENTS.to_vec();
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
@@ -324,7 +324,7 @@ impl Month {
         if verified.frames < frames || !verified.closed {
             return Err(format!("{} frames of {frames} are there", verified.frames).into());
         }
-        // few faults pass between two frames
+        // a few faults fall between two frames and cause no gap
         if (verified.gaps.len() as u64) < incidents / 2 {
             return Err(format!("{} gaps of {incidents} incidents", verified.gaps.len()).into());
         }

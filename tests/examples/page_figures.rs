@@ -1,5 +1,5 @@
-//! Measures the live page in a real browser on this machine: time to the first picture, time from the last reading of a frame to
-//! its pixels, drawings a second, the frame period with ten pages open, and the memory of a page.
+//! Measures the live page in a real browser on this machine: time to the first picture, time from the last reading of
+//! a frame to its pixels, drawings a second, the frame period with ten pages open, and the memory of a page.
 //!
 //! ```text
 //! cargo run -p tactus-tests --example page_figures [-- FRAMES [MINUTES]]
@@ -32,7 +32,7 @@ type Failure = Box<dyn std::error::Error>;
 /// those scripts run, `map` is the canvas with this id.
 const FIRST: &str = "(() => { const look = () => { let drawn = false; try { drawn = map.values instanceof Float32Array && Boolean(map.raster); } catch {} \
     if (drawn) requestAnimationFrame(() => { window.firstPicture = performance.now(); }); else requestAnimationFrame(look); }; look(); })()";
-/// Keeps `[sequence, ms since 1970]` of each drawn map.
+/// Records `[sequence, ms since 1970]` of each drawn map.
 const FOLLOW: &str = "(() => { window.drawn = []; const draw = map.draw.bind(map); let last = null; map.draw = () => { draw(); \
     const sequence = map.frame && map.frame.sequence; if (sequence === last) return; last = sequence; \
     requestAnimationFrame(() => drawn.push([sequence, performance.timeOrigin + performance.now()])); }; return 0; })()";
@@ -324,7 +324,7 @@ fn renderer_mb(stage: &Stage) -> Result<f64, Failure> {
     Ok(largest)
 }
 
-/// Processor time of a process, s; zero of one that is gone.
+/// Processor time of a process, s; zero if it has ended.
 fn processor_s(id: u32) -> f64 {
     let read = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
     // after the name in parentheses: the 12th and 13th field, in the kernel's hundredths of a second

@@ -22,7 +22,7 @@ const POLKITD: [&str; 2] = ["/usr/lib/polkit-1/polkitd", "/usr/libexec/polkitd"]
 const POLKIT_HERE: &str = "mount --make-rprivate / && mount --bind \"$1/actions\" /usr/share/polkit-1/actions && \
                            mount --bind \"$1/rules.d\" /usr/share/polkit-1/rules.d && exec \"$0\" --no-debug";
 
-/// A message bus, and polkit on it; both end with the test.
+/// A message bus, and polkit on it; both end when this is dropped.
 #[derive(Debug)]
 pub struct SystemBus {
     broker: Child,

@@ -28,9 +28,9 @@ impl Needs {
     };
 }
 
-/// 2 uV of voltmeter noise.
+/// A scene with 2 uV of voltmeter noise.
 pub const NOISY: &str = tactus_tests::TWO_MICROVOLTS;
-/// No effect at all.
+/// A scene without effects.
 pub const QUIET: &str = "seed = 1\n";
 
 /// A temporary rig, or `None` with the reason printed.
@@ -109,7 +109,7 @@ pub fn ask(stage: &Stage, args: &[&str]) -> Vec<serde_json::Value> {
 /// The place of most presses, mm.
 pub const PRESS_MM: [f64; 2] = [80.0, 135.0];
 
-/// Presses the simulated sheet with a disc at a place, mm, that takes this share of the conductance.
+/// Presses the simulated sheet with a disc at a position, mm; `loss` is the lost share of the conductance.
 pub fn press(stage: &Stage, at_mm: [f64; 2], diameter_mm: f64, loss: f64) {
     let [x, y] = at_mm.map(|mm| 1e-3 * mm);
     simulation(stage, async |hand| {
@@ -117,7 +117,7 @@ pub fn press(stage: &Stage, at_mm: [f64; 2], diameter_mm: f64, loss: f64) {
     });
 }
 
-/// Takes everything off the simulated sheet.
+/// Removes all loads from the simulated sheet.
 pub fn release(stage: &Stage) {
     simulation(stage, async |hand| hand.release().await);
 }

@@ -37,8 +37,8 @@ pub fn lacking(kind: &str, missing: &str) {
     noted.unwrap_or_else(|fault| panic!("{}: {fault}", path().display()));
 }
 
-/// A file or folder of `shared/` beside the project, for example `data/uottawa2005`; `None` (reported, kind `DATA`) if
-/// it does not exist.
+/// A file or folder of `shared/` next to the project, for example `data/uottawa2005`; `None` (reported, kind `DATA`)
+/// if it does not exist.
 pub fn shared(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../shared")
@@ -51,7 +51,7 @@ pub fn shared(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// A reference case of the project, for example `disc16`: always there.
+/// A reference case of the project, for example `disc16`; it always exists.
 pub fn case(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../cases")
@@ -106,7 +106,7 @@ fn executable() -> String {
     name.to_owned()
 }
 
-/// `tests-not-run.tsv` in the target folder: an executable lies in `target/debug/deps`.
+/// Path of `tests-not-run.tsv` in the target folder; executables are in `target/debug/deps`.
 fn path() -> PathBuf {
     let own = std::env::current_exe().unwrap_or_default();
     let target = own.ancestors().nth(3).unwrap_or(Path::new("."));

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-/// Longest time for a condition on a page.
+/// Timeout for a condition on a page.
 pub(super) const PATIENCE: Duration = Duration::from_secs(240);
 
 /// A browser with one window.
@@ -19,7 +19,7 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Starts a headless browser with an empty profile; `None` (reported) where there is none.
+    /// Starts a headless browser with an empty profile; `None` (reported) if it is not installed.
     pub fn start(profile: &Path, width: u32, height: u32) -> Option<Self> {
         if !(needs::program("BROWSER", "chromium") && needs::program("BROWSER", "chromedriver")) {
             return None;
@@ -155,7 +155,7 @@ impl Browser {
         self.ask(method, &format!("/session/{}{path}", self.session), body)
     }
 
-    /// One request; the `value` of its answer.
+    /// Sends one request; returns the `value` of its reply.
     fn ask(&self, method: &str, path: &str, body: Option<&Value>) -> Value {
         let body = body.map(Value::to_string).unwrap_or_default();
         let mut stream =
@@ -180,7 +180,7 @@ impl Browser {
     }
 }
 
-/// The body of an answer: chromedriver keeps the connection open after it.
+/// Reads the body of a reply, up to its length: chromedriver does not close the connection.
 fn content(stream: TcpStream) -> Vec<u8> {
     let mut reader = BufReader::new(stream);
     let mut length = 0;
@@ -202,7 +202,7 @@ fn content(stream: TcpStream) -> Vec<u8> {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // closes the browser's processes; the driver may be gone already
+        // closes the browser's processes; the driver may have ended already
         if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
             let _ = write!(
                 stream,

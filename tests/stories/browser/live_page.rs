@@ -213,7 +213,7 @@ fn live_values_have_one_unit(browser: &Browser) {
     }
 }
 
-/// Of the frames of `m1` the page sees the numbers 1, 2 and 5, then the map of 3, which those overtook.
+/// The page receives frames 1, 2 and 5 of `m1`, then the map of frame 3, after those of later frames.
 fn live_frames_without_a_map_are_counted(browser: &Browser) {
     let counted = browser.value(
         "(() => { const usual = charts.arrived; charts.arrived = []; \
@@ -262,7 +262,7 @@ fn stored_rows_are_drawn(stage: &Stage, browser: &Browser) {
         note.ends_with(" 2 rows in another unit than the newest are left out."),
         "{note}"
     );
-    // in the newest minute no load is known
+    // the load is unknown in the newest minute
     let captions = browser.value(
         "(() => { const row = name => charts.stored.rows.find(row => row.quantity === name), known = row('known'); \
          charts.stored = { ...charts.stored, rows: [{ ...row('load'), begin_s: known.begin_s - 60 }, known] }; charts.drawStored(); \
@@ -415,7 +415,7 @@ fn a_map_is_shown_under_the_name_of_its_own_session() {
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 
-/// Without a time between frames the configured one holds; a press needs its numbers.
+/// If no period is entered, the configured one applies; a press needs its numbers.
 fn empty_fields_are_not_sent_as_numbers(browser: &Browser) {
     let sent = browser.value(
         "(() => { const usual = send, sent = [], size = byId('press-size').value; send = command => sent.push(command); \
@@ -467,7 +467,7 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
         let place = sent[axis].as_f64().expect("a place");
         assert!((place - asked).abs() < 2.0, "pressed at {sent}");
     }
-    // the frame during which the press came mixes two states of the sheet, and a map arrives after its frame
+    // the frame during which the press began mixes two states of the sheet, and a map arrives after its frame
     let pressed = browser.value("latest.frame.sequence");
     browser.until(&format!(
         "map.frame.sequence > {pressed} + 2 && map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2"
@@ -499,7 +499,7 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
         (&alarm["active"], &alarm["acknowledged"]),
         (&true.into(), &true.into())
     );
-    // what the daemon refuses is shown
+    // an error reply of the daemon is shown
     browser.value("send({ call: 'reset', name: 'pressed' }), 0");
     browser.until("byId('answer').textContent.includes('nothing to reset')");
     browser.value("byId('release').click(), 0");

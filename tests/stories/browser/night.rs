@@ -1,4 +1,5 @@
-//! The simulated night on the live page: its numbers are those of the bus, of the command line and of the exported file.
+//! The simulated night on the live page: its numbers equal those of the bus, of the command line and of the exported
+//! file.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,12 +10,12 @@ use super::driver::Browser;
 use super::live_page::Page;
 use crate::test_rig::{self, Needs, ask, runtime};
 
-/// Nine hours with a frame every ten minutes, played 300 times faster: slow enough that a busy machine, too, reads
-/// enough frames.
+/// Nine hours with a frame every ten minutes, played 300 times faster: slow enough for enough frames on a busy
+/// machine.
 const PLAYED: &str = "kind = \"recording\"\n[recording]\nsession = \"NIGHT\"\nspeed = 300.0\n";
 const REGION: &str = "\n[[region]]\nname = \"hip\"\nrectangle_mm = [60.0, 80.0, 130.0, 150.0]\n";
 
-/// The last quantities of the session that runs.
+/// The last quantities of the running session.
 fn of_bus(path: &Path, id: &str) -> Option<(u64, Value)> {
     runtime().block_on(async {
         let (_connection, session) = test_rig::session(path, id).await;
@@ -139,7 +140,7 @@ fn a_night_has_the_same_numbers_on_page_bus_cli_and_in_files() {
                 )
             })
         });
-        // the browser gives them in the order of their names
+        // the browser sorts values by their names
         let mut all: Vec<_> = each.collect();
         sort(&mut all);
         all
@@ -163,7 +164,7 @@ fn a_night_has_the_same_numbers_on_page_bus_cli_and_in_files() {
             .filter(|(region, quantity, _)| region == "hip" && quantity == "contact");
         loaded += usize::from(of_hip.map(|(_, _, area)| *area).sum::<f64>() > 1000.0);
     }
-    // the person lies there from the tenth minute on
+    // the simulated person lies there from the tenth minute on
     assert!(
         loaded > seen.len() / 2,
         "the hip lies on its region in {loaded} of {} frames",

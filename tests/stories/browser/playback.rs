@@ -82,7 +82,7 @@ fn a_session_is_played_in_a_browser() {
             "{name}"
         );
     }
-    // the rows are those of the record
+    // the rows equal those of the record
     let rows = ask(&stage, &["quantities", "last", "--quantity", "load"]);
     let shown = browser.value(
         "course.rows.filter(row => row.quantity === 'load').map(row => [row.region, row.min, row.mean, row.max, row.frames])",

@@ -1,4 +1,4 @@
-//! Third-party clients suffice: `busctl` reads a map from the session bus, twenty lines of Python read the stream.
+//! Third-party clients suffice: `busctl` reads a map from the session bus, a short Python program reads the stream.
 
 use std::io::Read;
 use std::os::fd::OwnedFd;

@@ -9,7 +9,7 @@ use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 const RULE: &str =
     "\n[[alarm]]\nname = \"heavy\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.0\n";
-/// The catalogue cannot be reached: live topics do not need it.
+/// A catalogue that cannot be reached: live topics do not need it.
 const ARCHIVE: &str = "[archive]\nsite = \"berlin\"\ndaq = \"bed3\"\nstore = \"store\"\ndsn = \"host=127.0.0.1 port=1 dbname=a user=b\"\n";
 
 #[test]

@@ -1,4 +1,4 @@
-//! A program on a pseudo-terminal, and what its screen shows.
+//! A program on a pseudo-terminal, and the content of its screen.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -105,7 +105,7 @@ impl Terminal {
         writer.write_all(keys.as_bytes()).expect("it is open");
     }
 
-    /// The rows of the screen, from what was written to it: text, positions and clearing; colours are left out.
+    /// The rows of the screen, computed from the program's output: text, positions and clearing; colours are ignored.
     pub(super) fn screen(&self) -> Vec<String> {
         let [columns, rows] = self.size.map(usize::from);
         let mut cells = vec![vec![' '; columns]; rows];

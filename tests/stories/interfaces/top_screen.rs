@@ -5,7 +5,7 @@ use rustix::process::Signal;
 use super::terminal::Terminal;
 use crate::test_rig::{self, Needs, ask, baseline};
 
-/// A map without a load is below it: the alarm is active with the first frame.
+/// The contact area of a map without a load is below this limit: the alarm is active from the first frame on.
 const RULE: &str =
     "\n[[alarm]]\nname = \"empty\"\nquantity = \"contact\"\nbelow = 100.0\nseverity = \"major\"\n";
 const ENTER_KEY: &str = "\r";

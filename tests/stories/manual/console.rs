@@ -46,7 +46,7 @@ fn play_all(chosen: impl Fn(&str) -> bool, at_least: usize) {
     assert!(run >= at_least, "only {run} command lines were run");
 }
 
-/// Runs a page's blocks and returns the number of its lines; `None` if the rig is not the simulated one.
+/// Runs a page's blocks and returns the number of command lines; `None` if the rig is not the simulated one.
 fn play(page: &Page) -> Option<usize> {
     let blocks = page.blocks();
     let (left, run): (Vec<_>, Vec<_>) = blocks

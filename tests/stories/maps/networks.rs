@@ -1,4 +1,4 @@
-//! Networks make the daemon's maps: a deep one, trained here in seconds, and an ONNX network.
+//! Networks compute the daemon's maps: a deep one, trained here in seconds, and an ONNX network.
 
 use std::path::Path;
 

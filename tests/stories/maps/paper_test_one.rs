@@ -6,7 +6,7 @@ use survey::Baseline;
 use crate::test_rig::{NOISY, runtime};
 use crate::transport::frame_as_text::{drivers, frame, plan, simulated};
 
-/// Goals of the issue for the one-step method, mm.
+/// Accuracy goals for the one-step method, mm.
 const MEAN_MM: f64 = 2.0;
 const EACH_MM: f64 = 5.0;
 

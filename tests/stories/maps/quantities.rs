@@ -82,7 +82,7 @@ fn stored_quantities_are_those_of_the_frames() {
     // half of the conductance is lost there
     let sd = of_maps[at_press].as_f64().expect("the frame tells it");
     assert!(sd < 0.7 && deviations[at_press] < 0.7, "{sd}");
-    // the daemon computes standard deviations once a second of frames
+    // the daemon computes standard deviations once in a second of frames
     let certain =
         |frame: &&Value| !frame["quantities"]["regions"][0]["deviations"]["load"].is_null();
     let last = watched.iter().rfind(certain).expect("deviations in 2 s");

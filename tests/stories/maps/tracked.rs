@@ -1,4 +1,4 @@
-//! Maps against a baseline that follows the sheet: a day of drift offline, and the daemon with its restarts.
+//! Maps against a tracked baseline: a day of drift offline, and the daemon with its restarts.
 
 use tactus_tests::Stage;
 
@@ -12,7 +12,7 @@ const DRIFT: &str = "seed = 3\n[effects.temperature]\npercent_per_c = -0.2\nroom
 /// Number of the first frame with the press. Frames are ten minutes apart; the first one is the baseline.
 const PRESSED: u64 = 167;
 
-/// Millimetres between a place of the JSON and the press.
+/// Distance between a position in the JSON and the press, mm.
 fn away_mm(place: &serde_json::Value) -> f64 {
     let [x, y] = [0, 1].map(|axis| place[axis].as_f64().expect("a place"));
     (x - 80.0).hypot(y - 135.0)

@@ -63,13 +63,13 @@ fn daemon_replays_750_frames_of_a_real_tank() {
         maps.iter().all(|map| map["verified"] == true),
         "every map is made again, bit for bit"
     );
-    // the frames of the baseline are of the empty tank
+    // the baseline was recorded with the empty tank
     for map in &maps[..16] {
         assert_eq!(map["significant"], false, "{map}");
         assert_eq!(map["found_mm"], serde_json::Value::Null);
     }
-    // the ball is moved round: from frame 60 on something is found inside the tank, except in the middle, where the
-    // signal is too weak
+    // the ball is moved around: from frame 60 on it is found inside the tank, except in the middle, where the signal
+    // is too weak
     let mut found = 0;
     for map in maps[60..].iter().filter(|map| map["significant"] == true) {
         let place = &map["found_mm"];

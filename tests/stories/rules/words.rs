@@ -35,7 +35,7 @@ fn survey_rig_and_eit_name_no_instrument_model() {
     );
 }
 
-/// Whether code or documentation names a model; modules for tests may, and end the search.
+/// Whether code or documentation names a model. Modules for tests are skipped.
 fn names_model(tokens: TokenStream) -> bool {
     let mut tests = false;
     tokens.into_iter().any(|token| match token {

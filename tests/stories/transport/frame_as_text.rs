@@ -1,5 +1,5 @@
 //! All data from phantom to frame pass as SCPI text: 26 messages carry a frame, readings have the digits of the
-//! instruments, and one wrong relay number spoils the frame.
+//! instruments, and one wrong relay number makes the frame wrong.
 
 use std::time::Duration;
 
@@ -141,7 +141,7 @@ fn first_frame_is_the_forward_solution_in_instrument_digits() {
 
 #[test]
 fn one_wrong_relay_number_spoils_the_readings() {
-    // the paused clock stands still while a task works, so a busy machine is not slower than the relays
+    // the paused clock does not advance while a task works, so a busy machine is not slower than the relays
     let mut paused = tokio::runtime::Builder::new_current_thread();
     let paused = paused.enable_all().start_paused(true).build();
     paused.expect("a runtime can be built").block_on(async {
