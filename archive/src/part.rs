@@ -37,7 +37,7 @@ pub enum PartError {
     /// The file cannot be read as a session.
     #[error("cannot be archived; `tactus sessions verify` shows what is wrong")]
     Unreadable(#[source] LogbookError),
-    /// The tracked baseline beside it cannot be read.
+    /// The tracked baseline next to it cannot be read.
     #[error("is archived when the tracked baseline beside it can be read")]
     State(#[source] LogbookError),
     /// The file cannot be read.
@@ -52,7 +52,7 @@ pub enum PartError {
     /// It is not closed.
     #[error("{} is not closed: it is archived when its session ends or continues in the next part", .0.display())]
     Open(PathBuf),
-    /// Its last rows are in a journal beside it.
+    /// Its last rows are in a journal next to it.
     #[error("{} is closed, but its last rows are still in a journal next to it (-wal): a running daemon moves them into the file within a minute after the last program has stopped reading it", .0.display())]
     Unfolded(PathBuf),
     /// The file was renamed or copied.

@@ -1,4 +1,4 @@
-//! Events of the daemon that belong to no session: lines of JSON beside the sessions, bounded in size.
+//! Events of the daemon that belong to no session: lines of JSON in the folder of the sessions, bounded in size.
 
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};

@@ -63,7 +63,7 @@ pub struct About {
     pub ink: String,
     /// Who measured.
     pub operator: String,
-    /// How the electrodes were wired, beyond what the configuration says.
+    /// Notes on the wiring of the electrodes that the configuration does not contain.
     pub wiring: String,
     /// Calibration of the instruments.
     pub calibration: String,

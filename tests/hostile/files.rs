@@ -163,7 +163,7 @@ async fn another_file(daemon: &Daemon<'_>, session: &Session1Proxy<'_>, file: &P
 /// A loss is detected within a few seconds.
 const NOTICED: Duration = Duration::from_secs(30);
 
-/// The name of a file that SQLite puts beside its own.
+/// The name of a companion file of SQLite.
 fn beside(file: &Path, suffix: &str) -> PathBuf {
     let mut name = file.as_os_str().to_owned();
     name.push(suffix);

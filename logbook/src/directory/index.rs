@@ -54,7 +54,7 @@ impl Index {
         Ok(names)
     }
 
-    /// Reads new and changed sessions, and drops those that are gone.
+    /// Reads new and changed sessions, and drops those that no longer exist.
     ///
     /// # Errors
     /// The folder cannot be read. A missing folder holds nothing.

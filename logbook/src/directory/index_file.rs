@@ -1,5 +1,5 @@
-//! The index file beside the sessions: a line with a checksum for each closed session. `index` decides whether an entry
-//! is valid.
+//! The index file in the folder of the sessions: a line with a checksum for each closed session. `index` decides
+//! whether an entry is valid.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{ErrorKind, Write};

@@ -12,7 +12,7 @@ const LEAST: u64 = 1000;
 /// A page of 512 bytes has at most 14 rows, and no query takes 300 steps for each.
 const PAGES_A_TIME: u64 = 2;
 
-/// Remaining work of the current query. Counted in steps, not seconds: a slow disk is no attack.
+/// Remaining work of the current query. Counted in steps, not seconds, because a slow disk is not an attack.
 #[derive(Debug)]
 pub(super) struct Guard {
     allowed: u64,

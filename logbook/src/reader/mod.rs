@@ -1,4 +1,4 @@
-//! Reading a session: closed, left behind by a killed writer, or still being written.
+//! Reading a session: closed, left by a killed writer, or still being written.
 
 mod contents;
 mod frames;

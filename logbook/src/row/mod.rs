@@ -155,8 +155,8 @@ impl StoredFrame {
 /// Bytes of a map's hash kept if there is no sum.
 const HASH_BYTES: usize = 8;
 
-/// Packs a map record: a number with the first 4 bytes of its hash above its sum in single precision; 8 bytes of a hash
-/// without a sum; or, if the hash is no SHA-256, its text.
+/// Packs a map record: a number with the first 4 bytes of its hash above its sum in single precision; 8 bytes of a
+/// hash without a sum; or, if the hash is not a SHA-256, its text.
 pub(crate) fn pack_trace(map: &MapRecord) -> Value {
     let nibbles: Option<Vec<u8>> = map
         .hash

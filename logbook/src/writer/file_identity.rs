@@ -63,7 +63,7 @@ impl FilePlace {
 fn check_filesystem(path: &Path) -> Result<(), LogbookError> {
     let refused = match rustix::fs::removexattr(path, "user.tactus.absent") {
         Err(refused @ (Errno::ROFS | Errno::IO | Errno::UCLEAN | Errno::SHUTDOWN)) => refused,
-        // usually `NODATA`; `OPNOTSUPP` and others are no information on the last sync
+        // usually `NODATA`; `OPNOTSUPP` and other errors do not concern the last sync
         _ => return Ok(()),
     };
     Err(LogbookError::DiskRefused {

@@ -134,7 +134,7 @@ impl SessionWriter {
                 Ok(laid_out)
             });
         let (connection, in_writing, header_checksum) = laid_out.inspect_err(|_| {
-            // A file without a header is no session; nothing was acknowledged, so nothing is lost.
+            // A file without a header is not a session; nothing was acknowledged, so nothing is lost.
             discard(&path);
         })?;
         let mut writer = Self::over(

@@ -33,7 +33,7 @@ const CHECKED: u64 = 64;
 /// The state of a resumed session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resumed {
-    /// Its metadata; `asked` holds the options it was started with.
+    /// Its metadata; `asked` contains the options it was started with.
     pub header: SessionHeader,
     /// Sequence of the last frame; without frames, one less than the first sequence.
     pub acknowledged: u64,

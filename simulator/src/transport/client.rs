@@ -133,8 +133,8 @@ impl ClientSession {
         reply.map_err(io::Error::other)
     }
 
-    /// When the reply to a message received now is due. A client that sends the next message immediately is answered at
-    /// the source's own rate (200 messages per second at 5 ms): delays of timers and transfers are compensated.
+    /// When the reply to a message received now is due. A client that sends the next message immediately gets replies
+    /// at the source's own rate (200 messages per second at 5 ms): delays of timers and transfers are compensated.
     fn due(&self, wait: Duration) -> Instant {
         let now = Instant::now();
         if self.instrument != Instrument::Source || wait.is_zero() {
@@ -325,7 +325,7 @@ impl Drop for ClientSession {
 }
 
 async fn cut(mut line: watch::Receiver<WireState>, before: u64) {
-    // The sender lives as long as the rig, which the waiting task holds: waiting cannot fail.
+    // Waiting cannot fail: the waiting task holds the rig, and with it the sender.
     line.wait_for(|line| line.wire == Wire::Cut || line.cuts != before)
         .await
         .ok();

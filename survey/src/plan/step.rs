@@ -12,7 +12,7 @@ use crate::{Dipole, Relay, Volts};
 pub struct Channel {
     /// The relay that the voltmeter closes.
     pub relay: Relay,
-    /// The pair behind it.
+    /// The pair that the relay connects.
     pub sense: Dipole,
     /// Index of its reading in the frame; `None` if the protocol does not contain it: it is then stored in
     /// [`crate::Frame::extra`], and its overload is ignored.

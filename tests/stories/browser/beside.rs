@@ -37,7 +37,7 @@ fn uncertainty_is_shown(browser: &Browser) {
         legend.contains("standard deviation of ln conductance"),
         "{legend}"
     );
-    // the uncertainty is larger in the middle of the sheet than beside the electrodes
+    // the uncertainty is larger in the middle of the sheet than near the electrodes
     let mean = |near: &str| {
         number(
             browser,
