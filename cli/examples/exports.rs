@@ -1,6 +1,6 @@
-//! Measures exports of a long session of the simulated preset sheet, one frame a second with an hour's gap:
-//! `cargo build --release -p tactus-cli && cargo run --release -p tactus-cli --example exports -- FRAMES FOLDER FORMAT...`.
-//! FOLDER keeps the session; one that holds it already is not made again. Prints time and peak memory of each export.
+//! Measures exports of a long session of the simulated preset sheet, one frame a second with a gap of one hour: `cargo
+//! build --release -p tactus-cli && cargo run --release -p tactus-cli --example exports -- FRAMES FOLDER FORMAT...`.
+//! FOLDER keeps the session, which is made only if it does not exist. Prints time and peak memory of each export.
 
 use std::path::Path;
 use std::process::Command;
@@ -136,7 +136,7 @@ fn record(folder: &Path, frames: u64) -> Result<(), Box<dyn std::error::Error>> 
                 let change: f64 = (0..3)
                     .map(|which| share(which) * (pressed[which][index] - unloaded[index]))
                     .sum();
-                // as the voltmeter prints them
+                // rounded as the voltmeter prints them
                 let volts = unloaded[index] + change + noise();
                 Reading::Ok(Volts((volts * 1e7).round() / 1e7))
             })

@@ -1,5 +1,5 @@
-//! Sessions in the archive: `tactus archive`, `tactus sessions --archive`, and names `archive:SITE/DAQ/SESSION`, which are
-//! fetched into a cache and then read as any other session.
+//! Sessions in the archive: `tactus archive`, `tactus sessions --archive`, and names `archive:SITE/DAQ/SESSION`. Such a
+//! session is fetched into a cache and then read like any other session.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 use crate::output::Printer;
 use crate::output::time::local;
 
-/// Where the daemon's configuration is installed.
+/// Path of the daemon's configuration in an installation.
 const CONFIG: &str = "/etc/tactus/config.toml";
 
 fn config(global: &Global) -> PathBuf {
@@ -27,7 +27,7 @@ pub(crate) fn run(global: &Global, task: &Task) -> Result<(), Failure> {
     Ok(archive::perform_task(&config(global), global.json, task)?)
 }
 
-/// The archive of the configuration; connects to nothing.
+/// The archive that the configuration names; does not connect.
 ///
 /// # Errors
 /// A wrong configuration.
@@ -35,16 +35,17 @@ pub(crate) fn reader(global: &Global) -> Result<ArchiveReader, Failure> {
     Ok(ArchiveReader::open(&config(global))?)
 }
 
-/// Fetches the session of this name into the cache, where it stays as long as it is in use. Not from asynchronous code.
+/// Fetches the session of this name into the cache, where it stays as long as it is in use. Must not be called in
+/// asynchronous code.
 ///
 /// # Errors
-/// The name is wrong, or stands for none or several; the archive cannot be read; the cache cannot be written.
+/// The name is invalid, or matches no session or several; the archive cannot be read; the cache cannot be written.
 pub(crate) fn fetch(global: &Global, named: &str) -> Result<FetchedSession, Failure> {
     let wanted = named.parse().map_err(Failure::Usage)?;
     Ok(reader(global)?.fetch(&wanted, &cache()?)?)
 }
 
-/// The folder of fetched sessions: of the unit's cache, else of the user's.
+/// The folder of fetched sessions: in the cache of the systemd unit, otherwise in that of the user.
 fn cache() -> Result<PathBuf, Failure> {
     let home = || Some(path_from_environment("HOME")?.join(".cache"));
     let user = || {

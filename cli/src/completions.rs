@@ -1,5 +1,5 @@
-//! Completion scripts: those of clap, and the ids of sessions and baselines, which the shell asks this program for.
-//! (clap's own way of asking, its dynamic engine, is marked unstable.)
+//! Completion scripts: those of clap, extended by the ids of sessions and baselines, which the shell requests from this
+//! program. (clap's dynamic completion could do this, but is marked unstable.)
 
 use std::fmt::Write;
 
@@ -8,9 +8,9 @@ use clap_complete::Shell;
 
 /// An argument that takes an id.
 struct IdArgument {
-    /// The commands before it: `sessions show`.
+    /// The commands before the argument, e.g. `sessions show`.
     words: String,
-    /// The option; `None` for a positional argument.
+    /// Name of the option; `None` for a positional argument.
     long: Option<String>,
     /// The command that lists the ids.
     list: &'static str,
@@ -59,13 +59,13 @@ fn find(command: &Command, words: &str, found: &mut Vec<IdArgument>) {
     }
 }
 
-/// The ids of lines of JSON.
+/// Shell text that extracts the ids from lines of JSON.
 const IDS: &str = r#"--json 2>/dev/null | sed -n 's/.*"id":"\([^"]*\)".*/\1/p' | sort -u"#;
 
 fn bash(found: &[IdArgument]) -> String {
     let mut cases = String::new();
     for IdArgument { words, long, list } in found {
-        // an option takes no file, which clap's script offers
+        // clap's script offers file names, but such an option takes no file
         let (before, only) = match long {
             Some(long) => (format!("\"--{long} \""), "COMPREPLY=() "),
             None => ("[!-]".to_owned(), ""),
@@ -114,7 +114,7 @@ fn fish(found: &[IdArgument]) -> String {
     lines
 }
 
-/// clap's script, whose arguments name their action, with the actions of ids.
+/// clap's script, in which the arguments that take an id get the action that lists the ids.
 fn zsh(script: &str) -> String {
     let action = |line: &str| {
         let option = |name| line.starts_with(name) && line.contains(":ID:_default'");

@@ -5,8 +5,9 @@
 //! scripts. It does not depend on instruments or on the daemon's internals. All output is real: without a daemon it
 //! reports how to start one, and a missing reading is a blank, never a number.
 //!
-//! The modules build on each other in this order: `options`, `output` and `runtime`; `connection` (to the daemon), `archived`
-//! (sessions in the archive) and `session_files`; `maps`; and the commands in `control`, `instruments`, `records` and `doctor`.
+//! The modules build on each other in this order: `options`, `output` and `runtime`; `connection` (to the daemon),
+//! `archived` (sessions in the archive) and `session_files`; `maps`; and the commands in `control`, `instruments`,
+//! `records` and `doctor`.
 //!
 //! ```
 //! use std::process::ExitCode;
@@ -265,7 +266,7 @@ mod outputs {
                 "quantities --case",
                 "quantities --frames",
                 "quantities --model",
-                // a new session file, created by the logbook, which never overwrites
+                // creates a new session file by the logbook, which never overwrites one
                 "sessions repair --out",
                 "start --model",
                 "web --token-file",

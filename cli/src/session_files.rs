@@ -1,4 +1,4 @@
-//! Finding and opening of session files without a daemon.
+//! Finds and opens session files without a daemon.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -12,7 +12,7 @@ use crate::connection::LAST;
 use crate::failure::{Failure, chain};
 use crate::output::complain;
 
-/// A running daemon that does not reply within this time is ignored.
+/// Timeout of queries; a running daemon that does not reply within this time is ignored.
 const DAEMON_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Directories of session files: only `--state` or `TACTUS_STATE` if given; otherwise the directory of the running
@@ -48,10 +48,10 @@ fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
     Ok(directory?.map(PathBuf::from))
 }
 
-/// The id of the baseline that a running daemon uses; `None` where none answers or it has none.
+/// The id of the baseline that a running daemon uses; `None` if no daemon replies or it has no baseline.
 ///
 /// # Errors
-/// A `--bus` that is no address.
+/// The address of `--bus` is invalid.
 pub(crate) fn baseline_in_use(global: &Global) -> Result<Option<String>, Failure> {
     ask_daemon(global, async |daemon| {
         let status = daemon.ask("the status", daemon.manager.status()).await?;
@@ -59,7 +59,7 @@ pub(crate) fn baseline_in_use(global: &Global) -> Result<Option<String>, Failure
     })
 }
 
-/// One answer of a running daemon; `None` where none answers soon.
+/// The result of a query to a running daemon; `None` if none replies soon.
 fn ask_daemon<T>(
     global: &Global,
     query: impl AsyncFnOnce(crate::connection::Daemon) -> Result<T, Failure>,
@@ -79,7 +79,7 @@ fn ask_daemon<T>(
     }
 }
 
-/// No session in any of these directories.
+/// The failure that no session is in any of these directories.
 pub(crate) fn none(places: &[PathBuf]) -> Failure {
     Failure::Missing(format!(
         "no session in {}; --state DIR names another directory of session files",
@@ -96,11 +96,11 @@ pub(crate) fn listed(places: &[PathBuf]) -> String {
     places.join(", ")
 }
 
-/// The sessions in one of these directories; `None` where it does not exist, and where it cannot be read beside others, which
-/// is reported.
+/// The sessions in one of these directories; `None` if it does not exist, or if it cannot be read and there are others,
+/// which is reported.
 ///
 /// # Errors
-/// The only directory cannot be read.
+/// The directory cannot be read and is the only one.
 pub(crate) fn listing(
     places: &[PathBuf],
     place: &Path,
@@ -124,7 +124,7 @@ pub(crate) fn report_unreadable(listing: &Listing) {
     }
 }
 
-/// Reports to the terminal what is left out of a list, a sentence of [`left_out`].
+/// Reports on standard error what is left out of a list, a sentence of [`left_out`].
 pub(crate) fn report(left_out: &str) {
     complain(&format!("tactus: {left_out}"));
 }
@@ -135,14 +135,14 @@ pub(crate) fn left_out(path: &Path, why: &LogbookError) -> String {
     format!("{} is left out: {}", printable(&path), chain(why))
 }
 
-/// The file of the session that was started last, over all directories.
+/// The first file of the session that was started last, in all directories.
 fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
     let mut all = Vec::new();
     for place in places {
         let Some(listing) = listing(places, place, report)? else {
             continue;
         };
-        // one of these may be the last
+        // a file that cannot be read may be the last session
         report_unreadable(&listing);
         all.extend(listing.sessions.into_iter().map(|session| (place, session)));
     }
@@ -150,11 +150,11 @@ fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
         .into_iter()
         .max_by(|(_, a), (_, b)| (a.started, &a.id).cmp(&(b.started, &b.id)));
     let (place, session) = newest.ok_or_else(|| none(places))?;
-    // the first part of a session in parts
+    // the first part, if the session has several
     Ok(logbook::find(place, session.session())?)
 }
 
-/// What begins the name of a session in the archive.
+/// The prefix of the name of a session in the archive.
 pub(crate) const ARCHIVE: &str = "archive:";
 
 /// The file of a session of the archive, fetched into the cache.
@@ -162,7 +162,7 @@ fn archived(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     #[cfg(feature = "archive")]
     {
         let fetched = crate::archived::fetch(global, named)?;
-        // the command may read it until it ends
+        // never released, because the command may read the file until it ends
         std::mem::forget(fetched.in_use);
         Ok(fetched.path)
     }
@@ -175,8 +175,8 @@ fn archived(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     }
 }
 
-/// The file of a session: a path unchanged; `archive:` and the name of a session in the archive; `last`; otherwise the id (or
-/// its beginning) in the first of [`directories`] that has it.
+/// The file of a session: a path unchanged; `archive:` and the name of a session in the archive; `last`; otherwise an
+/// id (or the beginning of one) in the first of [`directories`] that has it.
 pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     if let Some(named) = named.strip_prefix(ARCHIVE) {
         return archived(global, named);

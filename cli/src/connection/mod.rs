@@ -28,7 +28,7 @@ pub(crate) struct Daemon {
     pub(crate) manager: Manager1Proxy<'static>,
 }
 
-/// Connects to the daemon at `--bus` or `TACTUS_BUS`, or to the first of the usual addresses with a daemon.
+/// Connects to the daemon at `--bus` or `TACTUS_BUS`, or to the first of the default addresses that has a daemon.
 ///
 /// # Errors
 /// No daemon (the message explains how to start one); no permission; an invalid address.
@@ -49,10 +49,10 @@ pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
     })
 }
 
-/// The address that `--bus` or `TACTUS_BUS` names.
+/// The address that `--bus` or `TACTUS_BUS` gives; `None` if neither is set.
 ///
 /// # Errors
-/// It is none.
+/// The text is not an address.
 pub(crate) fn wanted(global: &Global) -> Result<Option<Address>, Failure> {
     let named = match &global.bus {
         Some(text) => Some(text.clone()),
@@ -82,7 +82,7 @@ impl Daemon {
             .map_err(|error| fault(what, &error))
     }
 
-    /// The proxy of an object, which queries the daemon for each property.
+    /// The proxy of an object, which queries the daemon for each property and does not cache it.
     async fn object<P>(&self, what: &str, path: ObjectPath<'static>) -> Result<P, Failure>
     where
         P: Defaults + From<zbus::Proxy<'static>>,
@@ -125,10 +125,12 @@ impl Daemon {
         self.session(path.into()).await.map(Some)
     }
 
-    /// The session of that id (`last`, or the beginning of one), running or ended a short while ago.
+    /// The session with this id, with an id that begins so, or the last one (`last`), if it runs or ended a short while
+    /// ago.
     ///
     /// # Errors
-    /// [`Failure::Usage`] where several begin so, [`Failure::Missing`] where none does or the daemon runs it no more.
+    /// [`Failure::Usage`] if several ids begin so; [`Failure::Missing`] if none does, or if the daemon no longer has
+    /// the session.
     pub(crate) async fn named(&self, named: &str) -> Result<Session1Proxy<'static>, Failure> {
         let id = self.session_id(named, |_| true).await?;
         let id = id.as_deref().unwrap_or(named);
@@ -143,11 +145,11 @@ impl Daemon {
         }
     }
 
-    /// The id of the recorded or running session that is meant: itself, the one that began last of those wanted (`last`), or
-    /// the only one that begins so; `None` where there is none.
+    /// The id that `named` stands for: the id itself, that of the newest `wanted` session (`last`), or the only one
+    /// that begins with `named`; `None` if there is none.
     ///
     /// # Errors
-    /// [`Failure::Usage`] where several begin so.
+    /// [`Failure::Usage`] if several ids begin so.
     pub(crate) async fn session_id(
         &self,
         named: &str,
@@ -162,10 +164,11 @@ impl Daemon {
         resolve_id(named, &ids).map(|id| id.map(str::to_owned))
     }
 
-    /// The id of the baseline that is meant; of an unknown one what was written, which the daemon refuses.
+    /// The id of the baseline that `named` stands for. An unknown name is returned unchanged, and the daemon refuses
+    /// it.
     ///
     /// # Errors
-    /// As [`Daemon::session_id`]; `last` where none is recorded.
+    /// As for [`Daemon::session_id`]; and `last` if no baseline is recorded.
     pub(crate) async fn baseline_id(&self, named: &str) -> Result<String, Failure> {
         let is_baseline = |session: &dbus::SessionSummary| {
             session.kind == "baseline" && session.state == "closed"
@@ -180,7 +183,7 @@ impl Daemon {
     }
 }
 
-/// The id that is meant; the newest of the ids comes first.
+/// The id that `named` stands for; `ids` are in order, the newest first.
 fn resolve_id<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failure> {
     let mut matching = ids.iter().copied().filter(|id| match named {
         LAST => true,
@@ -220,7 +223,7 @@ fn unreached(error: &ConnectError) -> Failure {
     }
 }
 
-/// The failure of all attempts, one per line, and how to start a daemon.
+/// The failure after all attempts, one per line, with advice how to start a daemon.
 fn no_daemon(tried: &[String]) -> Failure {
     let mut text = "no daemon answers at".to_owned();
     for place in tried {
@@ -234,7 +237,7 @@ fn no_daemon(tried: &[String]) -> Failure {
     Failure::Missing(text)
 }
 
-/// A reason without internal numbers and names of the system.
+/// A reason without the error numbers and names of the operating system.
 fn readable_reason(reason: &str) -> String {
     let mut text = reason.to_owned();
     while let Some(from) = text.find(" (os error ") {
@@ -301,7 +304,7 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
     }
 }
 
-/// An error from the bus or the library, not from the daemon.
+/// An error from the bus or the library, and not from the daemon.
 fn undelivered(what: &str, name: &str, message: &str) -> Failure {
     match name.rsplit('.').next().unwrap_or(name) {
         "AccessDenied" | "AuthFailed" | "InteractiveAuthorizationRequired" => {

@@ -1,4 +1,5 @@
-//! `tactus alarms`: what is active, what nobody has acknowledged, what cannot be judged; and the orders of a person.
+//! `tactus alarms`: lists alarms that are active, not acknowledged or cannot be judged; and gives the orders of a
+//! person.
 
 use std::io::Write;
 
@@ -13,14 +14,14 @@ use crate::output::Printer;
 use crate::output::table::columns;
 use crate::output::time::local;
 
-/// Whether a person should see it without `--all`.
+/// Whether the alarm is listed without `--all`.
 fn is_listed(alarm: &Alarm) -> bool {
     let aside = alarm.shelved.is_some() || alarm.out_of_service.is_some();
     let invalid = alarm.level.as_deref() == Some("invalid");
     alarm.active || !alarm.acknowledged || aside || invalid
 }
 
-/// The state in a few words.
+/// The state as text.
 fn state(alarm: &Alarm) -> String {
     let mut words = alarm.standing();
     if let Some(by) = &alarm.shelved {
@@ -61,7 +62,7 @@ fn row(alarm: &Alarm) -> [String; 4] {
 /// Lists the alarms, or carries out an order.
 ///
 /// # Errors
-/// [`Failure::Failed`] where an alarm is active, after all were printed; the daemon refuses the order.
+/// [`Failure::Failed`] if an alarm is active, after all were printed; a refusal of the daemon.
 pub(crate) async fn run(
     daemon: &Daemon,
     requested: &AlarmsCommand,

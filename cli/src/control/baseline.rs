@@ -1,4 +1,4 @@
-//! `tactus baseline`: record the unloaded sheet, show what is subtracted.
+//! `tactus baseline`: records the unloaded sheet, and shows the present baseline.
 
 use std::io::Write;
 
@@ -15,7 +15,7 @@ use crate::failure::Failure;
 use crate::output::Printer;
 use crate::output::time::local;
 
-/// The end of a recording that has no warning.
+/// The last line of a recording without a warning.
 const NO_REMARK: &str = "no warning; a load that is on the sheet nevertheless appears in no map until a new baseline is recorded";
 
 /// The line of `baseline show --json`; see `docs/reference/json.md`.
@@ -28,7 +28,7 @@ struct BaselineLine {
     missing: usize,
     /// Root mean square of the valid readings, V.
     rms_v: Option<f64>,
-    /// Root mean square over the readings of one reading's standard deviation, V.
+    /// Root mean square over the readings of their standard deviations, V.
     noise_v: Option<f64>,
     simulated: bool,
     current_a: Option<f64>,
@@ -43,7 +43,7 @@ struct BaselineLine {
     flags: Vec<u8>,
     /// Warnings about its use.
     remarks: Vec<String>,
-    /// How it was followed; `None` if it was not.
+    /// Summary of the tracked baseline; `None` if it was not tracked.
     tracked: Option<TrackingSummary>,
 }
 
@@ -115,7 +115,7 @@ struct BaselineUsed {
     baseline: String,
 }
 
-/// Overrules the tracked baseline of the running session.
+/// Gives an order to the tracked baseline of the running session.
 pub(crate) async fn order(
     daemon: &Daemon,
     order: TrackingOrder,
@@ -132,7 +132,7 @@ pub(crate) async fn order(
     })
 }
 
-/// The line of `baseline empty-now --json` and its like; see `docs/reference/json.md`.
+/// The line of `baseline empty-now --json` and similar commands; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct TrackingOrdered {
     order: &'static str,
@@ -181,7 +181,7 @@ fn from_report(report: BaselineReport) -> (BaselineLine, DateTime<chrono::Utc>) 
         volts,
         flags: report.flags,
         remarks: report.more.remarks.unwrap_or_default(),
-        // a newer daemon may say it otherwise
+        // a newer daemon may use another format
         tracked: report
             .more
             .tracked
@@ -250,7 +250,7 @@ fn for_a_person(shown: &BaselineLine, wall: DateTime<chrono::Utc>) -> String {
     text
 }
 
-/// The drift by kind, a line each.
+/// The drift by kind, one line each.
 fn by_kind(drift: &DriftSummary) -> String {
     let volts = |uv: f64| Volts(1e-6 * uv);
     let [x, y] = drift.local_at_mm;

@@ -1,4 +1,4 @@
-//! The daemon's health, as reported by itself.
+//! The daemon's health, as the daemon reports it.
 
 use chrono::DateTime;
 use dbus::json::{Gaps, Health};
@@ -6,7 +6,7 @@ use dbus::json::{Gaps, Health};
 use crate::options::duration::display_long;
 use crate::output::time::local;
 
-/// The first lines: healthy, or each alarm and what is wrong.
+/// The first lines: that all is well, or each alarm and problem.
 pub(crate) fn verdict(health: &Health) -> Vec<String> {
     if health.well {
         return vec!["verdict    well".to_owned()];
@@ -32,7 +32,7 @@ pub(crate) fn age_of_baseline(health: &Health) -> String {
     }
 }
 
-/// The first remark on the baseline, and where the others are shown.
+/// The first remark on the baseline, and which command shows the others.
 pub(crate) fn remark_on_baseline(remarks: &[String]) -> Option<String> {
     let (first, others) = remarks.split_first()?;
     let more = match others.len() {
@@ -42,7 +42,7 @@ pub(crate) fn remark_on_baseline(remarks: &[String]) -> Option<String> {
     Some(format!("{first}{more}"))
 }
 
-/// A line for each value available.
+/// One line for each available value.
 pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
     let mut lines = Vec::new();
     lines.push(match (&health.last_frame, health.backlog) {

@@ -1,5 +1,5 @@
-//! `tactus plan`: the steps of a frame as the running daemon would take them, without moving anything.
-//! Before there is a daemon, `tactusd --config FILE --plan` prints the same.
+//! `tactus plan`: the steps of a frame as the running daemon would take them; nothing is moved. Without a daemon,
+//! `tactusd --config FILE --plan` prints the same.
 
 use std::io::Write;
 use std::time::Duration;
@@ -114,7 +114,7 @@ fn measuring(more: &PlanDetails) -> Option<Measuring> {
     })
 }
 
-/// Cost per frame and gain in noise of the settings, the most expensive first.
+/// Cost per frame and gain in noise of each setting, the most expensive first.
 fn costs_text(costs: &[SettingCost]) -> String {
     let mut costs: Vec<&SettingCost> = costs.iter().collect();
     costs.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
@@ -122,7 +122,7 @@ fn costs_text(costs: &[SettingCost]) -> String {
     each.collect::<Vec<_>>().join(", ")
 }
 
-/// How each reading is taken, and what its range costs and gains.
+/// How each reading is taken, and the cost and gain of its range.
 fn describe(measuring: &Measuring) -> String {
     let seconds =
         |seconds: f64| display_span(Duration::try_from_secs_f64(seconds).unwrap_or_default());

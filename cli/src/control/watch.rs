@@ -24,9 +24,9 @@ use crate::options::duration::{display_long, display_span};
 use crate::output::screen::Screen;
 use crate::output::{Printer, complain};
 
-/// Interval of the queries whether a session has started.
+/// Interval of the queries for a started session.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
-/// Time without a frame after which the reason is displayed.
+/// Time without a frame after which the reason for that is displayed.
 const SILENCE: Duration = Duration::from_secs(2);
 
 /// Follows a session until it ends, or until `--count` or `--for` is reached.
@@ -83,7 +83,7 @@ pub(crate) async fn run(
     let listening = async { session.receive_frame_done().await.map_err(Into::into) };
     let mut frames = daemon.ask("the frames", listening).await?;
     let on_screen = maps && printer.is_terminal() && !watch.no_map;
-    // before the alternate screen: a signal that comes right after it must leave it too
+    // before the alternate screen, so that a signal right after entering it leaves the screen too
     let mut signals = end_signals(on_screen);
     let screen = match on_screen {
         true => Some(Screen::enter()?),
@@ -192,8 +192,8 @@ pub(crate) async fn run(
     }
 }
 
-/// Waits for each signal that requests the program's end; gives its number. Without the alternate screen nothing must be
-/// restored, and the signal ends the program by default.
+/// Waits for each signal that requests the program's end; a task returns the number of its signal. Without the
+/// alternate screen there is nothing to restore, and the signals keep their default action.
 pub(crate) fn end_signals(on_screen: bool) -> JoinSet<u8> {
     let signals = [
         (SignalKind::interrupt(), 2),
@@ -220,7 +220,7 @@ pub(crate) async fn first_of(signals: &mut JoinSet<u8>) -> u8 {
     }
 }
 
-/// Why no frame arrives, and when the next one will.
+/// The reason why no frame arrives, and when the next one is expected.
 fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
     let session = status.session.unwrap_or_default();
     if session.id.as_deref() != Some(id) {
@@ -246,13 +246,13 @@ fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
                 Some(format!(", the next in {}", display_long(left))),
             )
         }
-        // a running session that waits for a command to take a frame
+        // a running session that takes frames on command
         (_, None) => (why(": `tactus step` takes it"), None),
         _ => (why(""), None),
     }
 }
 
-/// What a frame's checks report, printed when it changes.
+/// Result of a frame's checks as text, printed when it changes.
 fn quality(frame: u64, flags: &str) -> String {
     match flags {
         "" => format!("quality: no flags from frame {frame} on"),

@@ -1,4 +1,4 @@
-//! `tactus web`: serves the live page until it is ended.
+//! `tactus web`: serves the live page until a signal ends it.
 
 use std::io::Write;
 use std::net::SocketAddr;
@@ -62,7 +62,7 @@ pub(crate) fn run(
                 _ = terminate.recv() => {}
             }
             stop.send_replace(true);
-            // the server ends now
+            // the server ends now: its result is awaited in the other branch
             std::future::pending::<Result<(), Failure>>().await
         };
         tokio::select! {
@@ -75,7 +75,7 @@ pub(crate) fn run(
     })
 }
 
-/// Addresses, names and token of the options.
+/// Converts the options to addresses, names and a token.
 fn settings(requested: &Web) -> Result<Settings, Failure> {
     for address in &requested.listen {
         if !address.ip().is_loopback() && !requested.beyond_localhost {
@@ -105,7 +105,7 @@ fn settings(requested: &Web) -> Result<Settings, Failure> {
     })
 }
 
-/// Opens the page where there is a desktop; the address was printed, so a failure is no matter.
+/// Opens the page in a browser if there is a desktop. A failure is ignored, because the address was printed.
 fn open_browser(url: &str) {
     let desktop = ["DISPLAY", "WAYLAND_DISPLAY"];
     if desktop.iter().any(|name| std::env::var_os(name).is_some()) {

@@ -18,7 +18,7 @@ use machine::Machine;
 #[serde(rename_all = "kebab-case")]
 enum CheckResult {
     Ok,
-    /// It works, but not for months.
+    /// It works, but problems are to be expected within months.
     Warn,
     /// It does not work.
     Bad,
@@ -30,7 +30,7 @@ struct Finding {
     check: &'static str,
     verdict: CheckResult,
     text: String,
-    /// Advice.
+    /// Advice how to solve the problem.
     advice: Option<String>,
 }
 
@@ -75,7 +75,7 @@ impl Finding {
     }
 }
 
-/// The part of the daemon's configuration that concerns the machine; `tactusd --check` checks the rest.
+/// The part of the daemon's configuration that concerns the machine. `tactusd --check` checks the other parts.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 struct DoctorConfig {
@@ -116,7 +116,7 @@ struct Notify {
 /// Runs all checks.
 ///
 /// # Errors
-/// A check is bad; the printed lines tell which.
+/// A check has failed; the printed lines show which.
 pub(crate) fn run(
     global: &Global,
     requested: &Doctor,
@@ -145,7 +145,7 @@ pub(crate) fn run(
     findings.extend(machine.installed(&wanted));
     findings.extend(machine.clock(chrono::Utc::now()));
     let running = crate::runtime::current_thread()?.block_on(running::check(global, &wanted));
-    // a running daemon knows its directory
+    // a running daemon reports its directory
     let directory = running
         .record_directory
         .or_else(|| wanted.record.directory.clone());

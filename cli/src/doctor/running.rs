@@ -10,7 +10,7 @@ use zbus::fdo::DBusProxy;
 use super::{DoctorConfig, Finding};
 use crate::args::Global;
 
-/// Timeout; what does not reply counts as absent.
+/// Timeout; a program that does not reply within it counts as absent.
 const TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Results of the checks of running programs.
@@ -111,7 +111,7 @@ pub(super) async fn check(global: &Global, wanted: &DoctorConfig) -> Running {
     running
 }
 
-/// What a daemon reports of itself: it is well only if it reports so.
+/// The finding about a daemon from its own report on its health.
 fn daemon(address: &str, health: &dbus::Health) -> Finding {
     let troubles = health.troubles.as_deref().unwrap_or_default();
     let why = match (health.well, troubles) {
@@ -151,7 +151,7 @@ fn peer_socket(wanted: &DoctorConfig) -> Option<Finding> {
     })
 }
 
-/// The state of the service, from systemd.
+/// The state of the service according to systemd.
 fn unit() -> Finding {
     let output = Command::new("systemctl")
         .args(["show", "tactusd.service", "--property"])
@@ -194,7 +194,7 @@ fn service(shown: &str) -> Finding {
     }
 }
 
-/// Checks names on the system bus: ours, polkit's, and whether the clock is synchronised.
+/// Checks names on the system bus (the daemon's and polkit's), and whether the clock is synchronised.
 async fn system_bus(wanted: &DoctorConfig) -> Vec<Finding> {
     let reached = async {
         let connection = Connection::system().await.ok()?;

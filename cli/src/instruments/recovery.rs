@@ -1,4 +1,4 @@
-//! Commands for a rig that needs intervention: open its relays, accept replaced instruments, reload the configuration,
+//! Commands for a rig that needs a person: open its relays, accept replaced instruments, reload the configuration,
 //! print the transcript of messages.
 
 use std::io::Write;
@@ -53,7 +53,7 @@ pub(crate) async fn reload(
     done("reloaded", text, printer)
 }
 
-/// The transcript is lines of JSON, with `--json` or without.
+/// Prints the transcript, which is lines of JSON with and without `--json`.
 pub(crate) async fn transcript(
     daemon: &Daemon,
     requested: &Transcript,

@@ -54,7 +54,7 @@ struct WearLine {
     left_s: Option<f64>,
 }
 
-/// Tests the rig; with findings, the exit code is that of an instrument fault.
+/// Tests the rig. With findings, the exit code is that of an instrument fault.
 pub(crate) async fn test(
     daemon: &Daemon,
     all: bool,
@@ -69,7 +69,7 @@ pub(crate) async fn test(
     let mut report = std::pin::pin!(daemon.manager.test_instruments(&options));
     let bar = std::io::stderr().is_terminal();
     let report = loop {
-        // the timeout is for one step, however many there are
+        // the timeout applies to each step, for any number of steps
         let next = tokio::time::timeout(daemon.patience, async {
             tokio::select! {
                 report = &mut report => Some(report),
@@ -79,7 +79,7 @@ pub(crate) async fn test(
                     {
                         eprint!("\r\x1b[K{:>4}/{} {}", step.done, step.total, survey::printable(step.what));
                     }
-                    // if the connection is lost, only the call's own error can arrive
+                    // the stream of steps has ended with the connection: wait for the error of the call
                     if step.is_none() { std::future::pending::<()>().await; }
                     None
                 }

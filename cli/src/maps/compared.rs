@@ -9,20 +9,21 @@ use survey::{Map, Reading};
 use crate::failure::Failure;
 use crate::maps::reconstruction::Reconstruction;
 
-/// A map, and the same as the calibration reads it.
+/// A map, and its pressures if there is a calibration.
 pub(crate) type ShownMap = (Map, Option<Pressure>);
 
-/// A frame, its baseline, and what is known of it.
+/// A frame, its baseline, and the result of tracking for it.
 pub(crate) struct Compared<'a> {
     baseline: &'a [Reading],
-    /// The baseline without what the tracked one lacks: the deviation has that as an error, and one sheet is fitted for all frames of a load.
+    /// The first baseline plus the tracked drift alone, constant while a load is on the sheet. Standard deviations count
+    /// the drift that it lacks as an error, and one sheet is fitted for all frames of a load.
     tracked_baseline: &'a [Reading],
     readings: &'a [Reading],
     tracked: Option<&'a Tracked>,
 }
 
 impl<'a> Compared<'a> {
-    /// With the baseline that was followed to this frame; without one, with the recording's own.
+    /// Compares the frame with the baseline that was tracked to it, or without one with the recording's own baseline.
     pub(crate) fn new(
         recording: &'a Recording,
         recorded: &'a RecordedFrame,
@@ -52,16 +53,16 @@ impl<'a> Compared<'a> {
     /// Standard deviation of ln conductance of each triangle; NaN if the frame gives no information about it.
     ///
     /// # Errors
-    /// It is not known.
+    /// The standard deviation is unknown.
     pub(crate) fn deviation(&self, reconstruction: &Reconstruction) -> Result<Vec<f64>, Failure> {
         reconstruction.map_deviation(self.tracked_baseline, self.readings)
     }
 
-    /// The quantities and the map; a frame without a map has no quantities, and the reason. `at_s`: time of the frame, s of the
-    /// Unix epoch; `None` if unknown.
+    /// The quantities and the map. For a frame without a map, the quantities contain only the reason. `at_s`: time of
+    /// the frame, s of the Unix epoch; `None` if unknown.
     ///
     /// # Errors
-    /// The calibration that was named refuses the map.
+    /// The calibration that the options name does not fit the map.
     pub(crate) fn quantities(
         &self,
         reconstruction: &Reconstruction,

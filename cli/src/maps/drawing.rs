@@ -1,4 +1,4 @@
-//! Draws meshes and maps by `render`: terminal cells, PNG, SVG; and finds the position of a map's load.
+//! Draws meshes and maps with the crate `render` (terminal cells, PNG, SVG), and finds the position of a map's load.
 
 use std::io::Write;
 
@@ -70,7 +70,7 @@ impl Field {
         })
     }
 
-    /// These values, one for each triangle of the region, as a map of this mesh.
+    /// The values, one for each triangle of the region, as a map of this mesh.
     pub(crate) fn map(&self, values: Vec<f64>, method: &str) -> Map {
         Map::relative(&self.mesh_hash, values, method)
     }
@@ -86,7 +86,7 @@ impl Field {
     }
 }
 
-/// A title, with why the map is not known to be true.
+/// A title, extended by the reason why the map is not reliable, if there is one.
 pub(crate) fn title(text: String, tracked: Option<&Tracked>) -> String {
     match tracked.and_then(|tracked| tracked.reason) {
         Some(reason) => format!("{text}, not known: {}", reason.words()),
@@ -94,7 +94,7 @@ pub(crate) fn title(text: String, tracked: Option<&Tracked>) -> String {
     }
 }
 
-/// Title, scale and marks of the picture of one map, shown in this unit, whose noise alone makes this largest loss.
+/// Title, scale and marks of the picture of one map in this unit. `noise`: the largest loss due to noise alone.
 ///
 /// # Errors
 /// A scale in another unit.
@@ -136,7 +136,7 @@ pub(crate) fn svg(field: &Field, map: &Map, style: &Style) -> Result<String, Fai
         .map_err(|error| Failure::failed("the picture cannot be drawn", &error))
 }
 
-/// What a map's values are in.
+/// The quantity and unit of a map's values.
 pub(crate) fn unit(map: &Map) -> &'static str {
     match map.unit {
         MapUnit::Pressure => map.unit.label(),
@@ -144,7 +144,7 @@ pub(crate) fn unit(map: &Map) -> &'static str {
     }
 }
 
-/// The map as pixels over the box that just holds the sheet: a row per line, the top first, `nan` outside.
+/// The map as pixels over the bounding box of the sheet: a row per line, the top row first, `nan` outside.
 pub(crate) fn raster(field: &Field, map: &Map, side: usize) -> Result<String, Failure> {
     let pixels = render::raster(&field.sheet, map, side, side)
         .map_err(|error| Failure::failed("the raster cannot be made", &error))?;
@@ -177,13 +177,12 @@ pub(crate) fn millimetres(found: Option<[f64; 2]>) -> Option<[f64; 2]> {
     found.map(|place| place.map(|metres| metres * 1e3))
 }
 
-/// The noise, if no loss of the map exceeds it, as a relative loss; `None` if the map shows more, or the noise is
-/// unknown.
+/// The noise as a relative loss, if no loss of the map exceeds it; `None` if one does, or if the noise is unknown.
 pub(crate) fn nothing_above(map: &Map, noise: Option<f64>) -> Option<f64> {
     noise.filter(|_| map.is_significant(noise) == Some(false))
 }
 
-/// The map in words: newtons and kPa only with a calibration; and that it shows nothing, if no loss exceeds the noise.
+/// The map as text: newtons and kPa only with a calibration; and a note if no loss exceeds the noise.
 pub(crate) fn map_summary(
     largest_loss: f64,
     pressed: Option<(f64, f64)>,

@@ -8,23 +8,23 @@ use survey::Reading;
 use crate::failure::Failure;
 use crate::maps::reconstruction::Reconstruction;
 
-/// Follows a recording's baseline.
+/// Tracks a recording's baseline.
 #[derive(Clone)]
 pub(crate) struct Follower {
     tracking: Tracking,
-    /// Time between frames that have none, s.
+    /// Time between frames without times of their own, s.
     period_s: Option<f64>,
-    /// All frames before this one were followed.
+    /// Number of the first frame that was not tracked yet.
     next: u64,
-    /// Orders of people that were given in the session.
+    /// Orders that persons gave in the session.
     orders: Orders,
 }
 
 impl Follower {
-    /// `None` where the baseline is not to be followed.
+    /// The follower of a recording; `None` if the baseline is not to be tracked.
     ///
     /// # Errors
-    /// Frames without times.
+    /// A period that does not suit the frames' times; a stored state of tracking that cannot be restored.
     pub(crate) fn of(
         reconstruction: &Reconstruction,
         requested: &TrackedArguments,
@@ -33,7 +33,7 @@ impl Follower {
         Self::new(reconstruction.tracking.clone(), requested, recording)
     }
 
-    /// Follows this baseline.
+    /// The follower of this tracked baseline; `None` without one.
     ///
     /// # Errors
     /// As [`Follower::of`].
@@ -64,17 +64,18 @@ impl Follower {
         }))
     }
 
-    /// The frame with the baseline to compare it with. Every frame must be given to this or to [`Follower::pass`], in order.
+    /// The frame and the baseline to compare it with. Every frame must be given to this method or to
+    /// [`Follower::pass`], in order.
     ///
     /// # Errors
-    /// A frame that cannot be followed.
+    /// The frame cannot be tracked.
     pub(crate) fn follow(&mut self, frame: &RecordedFrame) -> Result<TrackedFrame, Failure> {
         let at_s = self.begin(frame);
         let followed = self.tracking.follow(&frame.readings, at_s);
         followed.map_err(|error| not_followed(frame, &error))
     }
 
-    /// Follows a frame that is not asked for.
+    /// Tracks a frame whose result is not needed.
     ///
     /// # Errors
     /// As [`Follower::follow`].
@@ -84,7 +85,7 @@ impl Follower {
         passed.map_err(|error| not_followed(frame, &error))
     }
 
-    /// Orders for this frame are given before it; its time, s.
+    /// Applies the orders for this frame, which come before it; returns the time of the frame, s.
     fn begin(&mut self, frame: &RecordedFrame) -> f64 {
         for order in self.orders.due(frame.sequence) {
             self.tracking.order(order);
@@ -97,17 +98,17 @@ impl Follower {
         frame.time_s(self.period_s).unwrap_or_default()
     }
 
-    /// The number from which on frames were not followed yet.
+    /// Number of the first frame that was not tracked yet.
     pub(crate) fn next(&self) -> u64 {
         self.next
     }
 
-    /// The frame and its baseline as they are now, without following it.
+    /// The frame and its baseline in the present state, without tracking the frame.
     pub(crate) fn compare(&self, readings: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
         self.tracking.compare(readings)
     }
 
-    /// Follows all frames before this number that were not followed yet.
+    /// Tracks all frames before this number that were not tracked yet.
     ///
     /// # Errors
     /// As [`Follower::follow`].

@@ -1,4 +1,4 @@
-//! The maps of a recording's frames, in order, compared with the baseline as recorded or as followed.
+//! The maps of a recording's frames, in order, compared with the recorded or the tracked baseline.
 
 use eit::Pressure;
 use imaging::recorded::{RecordedFrame, Recording};
@@ -23,18 +23,18 @@ pub(crate) struct FrameMaps<'a> {
 pub(crate) struct FrameMap {
     /// Relative change of conductance.
     pub(crate) map: Map,
-    /// The map as the calibration reads it.
+    /// The pressures of the map; `None` without a calibration.
     pub(crate) pressure: Option<Pressure>,
-    /// What the tracked baseline says of the frame; `None` without one.
+    /// Result of the tracked baseline for the frame; `None` without one.
     pub(crate) tracked: Option<Tracked>,
-    /// Standard deviation of ln conductance of each triangle, NaN if the frame gives no information about it; `None` where that was not
-    /// asked for.
+    /// Standard deviation of ln conductance of each triangle, NaN if the frame gives no information about it; `None` if
+    /// it was not requested.
     pub(crate) deviation: Option<Vec<f64>>,
 }
 
 impl<'a> FrameMaps<'a> {
     /// # Errors
-    /// The baseline is to be followed, and frames have no times.
+    /// The baseline is to be tracked, and the frames have no times.
     pub(crate) fn new(
         reconstruction: &'a Reconstruction,
         tracked: &TrackedArguments,
@@ -48,17 +48,17 @@ impl<'a> FrameMaps<'a> {
         })
     }
 
-    /// With the standard deviations of each map, if `wanted`.
+    /// Adds the standard deviations of each map, if `wanted`.
     pub(crate) fn with_deviation(mut self, wanted: bool) -> Self {
         self.with_deviation = wanted;
         self
     }
 
-    /// The map of a frame, or why it has none, for example because too many readings are missing. Every frame must be given to
-    /// this, to [`FrameMaps::map`] or to [`FrameMaps::pass`], in order.
+    /// The map of a frame, or why it has none, for example because too many readings are missing. Every frame must be
+    /// given to this method, to [`FrameMaps::map`] or to [`FrameMaps::pass`], in order.
     ///
     /// # Errors
-    /// What no other frame could have either.
+    /// An error that every other frame would have too.
     pub(crate) fn attempt(
         &mut self,
         frame: &RecordedFrame,
@@ -105,10 +105,10 @@ impl<'a> FrameMaps<'a> {
         })
     }
 
-    /// Follows the frames before this number, if the baseline is followed.
+    /// Tracks the frames before this number, if the baseline is tracked.
     ///
     /// # Errors
-    /// A frame that cannot be followed.
+    /// A frame cannot be tracked.
     pub(crate) fn pass_before(&mut self, sequence: u64) -> Result<(), Failure> {
         match &mut self.follower {
             Some(follower) => follower.pass_before(self.recording, sequence),
@@ -116,10 +116,10 @@ impl<'a> FrameMaps<'a> {
         }
     }
 
-    /// Follows a frame whose map is not asked for.
+    /// Tracks a frame whose map is not needed.
     ///
     /// # Errors
-    /// The frame cannot be followed.
+    /// The frame cannot be tracked.
     pub(crate) fn pass(&mut self, frame: &RecordedFrame) -> Result<(), Failure> {
         match &mut self.follower {
             Some(follower) => follower.pass(frame),

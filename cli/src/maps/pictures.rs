@@ -13,7 +13,7 @@ use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::Scale;
 use crate::output::time::local;
 
-/// Makes the pictures' maps, frame after frame.
+/// Makes the maps of pictures, frame after frame.
 pub(crate) struct Pictures<'a> {
     recording: &'a Recording,
     reconstruction: &'a Reconstruction,
@@ -21,9 +21,9 @@ pub(crate) struct Pictures<'a> {
     quantifier: Quantifier,
 }
 
-/// A map with what a picture shows of it.
+/// A map with everything that a picture shows of it.
 pub(crate) struct PictureMap {
-    /// The map, and as pressure.
+    /// The map, and its pressures if there is a calibration.
     pub(crate) made: FrameMap,
     /// Position of the load, m.
     pub(crate) found: Option<[f64; 2]>,
@@ -35,7 +35,7 @@ pub(crate) struct PictureMap {
 
 impl<'a> Pictures<'a> {
     /// # Errors
-    /// A tracked baseline without times; a region of the session that lies beside the maps.
+    /// The baseline is to be tracked and the frames have no times; a region of the session is outside of the maps.
     pub(crate) fn new(
         reconstruction: &'a Reconstruction,
         tracked: &TrackedArguments,
@@ -49,10 +49,10 @@ impl<'a> Pictures<'a> {
         })
     }
 
-    /// Follows a frame without a picture.
+    /// Tracks a frame without a picture.
     ///
     /// # Errors
-    /// The frame cannot be followed.
+    /// The frame cannot be tracked.
     pub(crate) fn pass(&mut self, frame: &RecordedFrame) -> Result<(), Failure> {
         self.maps.pass(frame)
     }
@@ -60,7 +60,7 @@ impl<'a> Pictures<'a> {
     /// The map of a frame.
     ///
     /// # Errors
-    /// The frame has no map, or cannot be followed.
+    /// The frame has no map, or cannot be tracked.
     pub(crate) fn map(&mut self, frame: &RecordedFrame) -> Result<PictureMap, Failure> {
         let made = self.maps.map(frame)?;
         let noise = self.reconstruction.noise;
@@ -84,10 +84,10 @@ impl<'a> Pictures<'a> {
         })
     }
 
-    /// The map of a frame to be shown with those of others, on one scale, or why it has none in their unit.
+    /// The map of a frame that is shown with others on one scale, or why it has none in the common unit.
     ///
     /// # Errors
-    /// What no other frame could have either.
+    /// An error that every other frame would have too.
     pub(crate) fn attempt(
         &mut self,
         frame: &RecordedFrame,
@@ -100,7 +100,8 @@ impl<'a> Pictures<'a> {
         }
     }
 
-    /// The map of one frame of the recording, as the frames before it make it, with the texts and marks of its picture.
+    /// The map of one frame of the recording, after tracking the frames before it, with the texts and marks of its
+    /// picture.
     ///
     /// # Errors
     /// As [`Pictures::map`] and [`Pictures::style`].
@@ -134,7 +135,7 @@ impl<'a> Pictures<'a> {
             &picture.made.map,
             self.reconstruction.noise,
         )?;
-        // a map without quantities has the spots of an earlier one
+        // a map without quantities would show the hot spots of an earlier map
         let sheet = picture.quantities.regions.first();
         let counted = sheet.and_then(|sheet| sheet.values.get(Quantity::HotSpots));
         let spots = match counted {

@@ -30,9 +30,9 @@ pub(crate) struct Reconstruction {
     pub(crate) noise: Option<f64>,
     /// Standard deviation of one reading, in the unit of the readings; `None` if unknown.
     reading_noise: Option<f64>,
-    /// Follows the baseline; `None` where that is not asked for.
+    /// The tracked baseline; `None` if tracking is not requested.
     pub(crate) tracking: Option<Tracking>,
-    /// Whether a map that the calibration refuses is an error: the calibration was named.
+    /// Whether a map that the calibration does not fit is an error, because the options name the calibration.
     must_calibrate: bool,
 }
 
@@ -68,7 +68,8 @@ impl Reconstruction {
         let mut model = match chosen.settings.file.clone() {
             Some(file) => {
                 let removes = chosen.settings.drift.unwrap_or_default() != DriftRule::Off;
-                // an ONNX file contains no mesh, and no file the whole sheet, which drifts
+                // an ONNX file contains no mesh, and no model file contains the whole sheet, whose drift is to be
+                // removed
                 let geometry = match is_onnx(&file) || removes {
                     true => Some(choose_geometry(geometry, origin, protocol)?.0),
                     false => None,
@@ -76,7 +77,7 @@ impl Reconstruction {
                 let loss_only = chosen.settings.loss_only.unwrap_or(false);
                 let model = imaging::load(&file, loss_only, protocol, geometry.as_ref());
                 let model = model.map_err(not_built)?;
-                // maps are judged where the sheet behind the model is known
+                // maps are judged if the sheet of the model is known
                 let sheet = geometry.or_else(|| {
                     let (chosen, _) = choose_geometry(requested_geometry, origin, protocol).ok()?;
                     let own = model.reconstructor.mesh().hash();
@@ -132,8 +133,8 @@ impl Reconstruction {
         })
     }
 
-    /// The baseline of a recording to be followed, as [`Reconstruction::new`] with the session's method and geometry prepares it;
-    /// `None` where the session's is not.
+    /// The tracked baseline of a recording, as [`Reconstruction::new`] prepares it with the session's method and
+    /// geometry; `None` if the session's baseline is not tracked.
     ///
     /// # Errors
     /// A session with an invalid configuration.
@@ -153,10 +154,10 @@ impl Reconstruction {
             .map_err(|error| Failure::failed("no map can be made", &error))
     }
 
-    /// A map as the calibration reads it; `None` without one, and where the session's refuses the map.
+    /// The pressures of a map; `None` without a calibration, and if the session's calibration does not fit the map.
     ///
     /// # Errors
-    /// The calibration that was named refuses the map.
+    /// The calibration that the options name does not fit the map.
     pub(crate) fn pressure(&self, map: &Map) -> Result<Option<Pressure>, Failure> {
         let Some(calibration) = &self.model.calibration else {
             return Ok(None);
@@ -175,7 +176,7 @@ impl Reconstruction {
         self.model.calibration.is_some()
     }
 
-    /// The unit in which its maps are shown together; one that the session's calibration refuses has another.
+    /// The common unit of its maps. A map that the session's calibration does not fit has another unit.
     pub(crate) fn unit(&self) -> MapUnit {
         match self.is_calibrated() {
             true => MapUnit::Pressure,
@@ -186,15 +187,15 @@ impl Reconstruction {
     /// Computes quantities of the maps, with the thresholds and regions of the recording.
     ///
     /// # Errors
-    /// A session with an invalid configuration, or a region that lies beside the maps.
+    /// A session with an invalid configuration, or a region outside of the maps.
     pub(crate) fn quantifier(&self, recording: &Recording) -> Result<Quantifier, Failure> {
         let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
         Quantifier::new(&self.model, &settings, &regions)
             .map_err(|error| Failure::Configuration(error.to_string()))
     }
 
-    /// Standard deviation of ln conductance of each triangle; NaN if the frame gives no information about it. The first frame of a
-    /// baseline takes a second.
+    /// Standard deviation of ln conductance of each triangle; NaN if the frame gives no information about it. The first
+    /// call for a baseline takes a second.
     ///
     /// # Errors
     /// A model without a geometry, or missing readings.
@@ -213,7 +214,7 @@ impl Reconstruction {
         })
     }
 
-    /// Standard deviations of quantities; `None` where the noise is not known.
+    /// Standard deviations of quantities; `None` if the noise is unknown.
     pub(crate) fn deviation(&self) -> Option<Deviation> {
         Some(Deviation::new(&self.model, self.reading_noise?))
     }
@@ -228,7 +229,7 @@ impl Reconstruction {
     }
 }
 
-/// A model in the [conditions](in_conditions) of the frames; what was derived of these is remarked.
+/// Builds a model in the [conditions](in_conditions) of the frames; adds the derived conditions to the remarks.
 fn built(
     chosen: &mut ChosenSettings,
     geometry: Geometry,
@@ -242,8 +243,8 @@ fn built(
     model.map_err(not_built)
 }
 
-/// Makes something for the conditions of the frames, as in the session; for a recording without a configuration, conductance,
-/// current and noise that are not given are derived from the baseline, and noted.
+/// Makes something for the conditions of the frames. For a session these are the recorded ones; for a recording without
+/// a configuration, conductance, current and noise that are not given are derived from the baseline and noted.
 fn in_conditions<T>(
     as_recorded: bool,
     geometry: Geometry,
@@ -263,13 +264,14 @@ fn in_conditions<T>(
     Ok((made, fitted.notes.clone()))
 }
 
-/// Standard deviation of one reading; `None` if it was only assumed: that has no significance for a map.
+/// Standard deviation of one reading; `None` if it was only assumed, because an assumption has no significance for a
+/// map.
 fn measured_noise(chosen: &ChosenSettings, recording: &Recording) -> Option<f64> {
     let stated = chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv);
     recording.unloaded.known_noise(stated)
 }
 
-/// The baseline to be followed; `None` where that is not asked for, or the session's cannot be followed.
+/// The tracked baseline; `None` if tracking is not requested, or is impossible for the session.
 fn wanted_tracking(
     chosen: &mut ChosenSettings,
     geometry: &GeometryChoice,
@@ -280,7 +282,7 @@ fn wanted_tracking(
     match (tracked.tracked, chosen.settings.tracking) {
         (Some(true), _) => tracking(chosen, geometry, recording, noise_v).map(Some),
         (None, Some(true)) => match tracking(chosen, geometry, recording, noise_v) {
-            // as the daemon did
+            // the daemon recorded without tracking in this case
             Err(Failure::Failed(why)) => {
                 chosen.remarks.push(format!(
                     "maps are compared with the baseline as it was recorded: {why}"
@@ -293,7 +295,7 @@ fn wanted_tracking(
     }
 }
 
-/// The baseline of a recording, to be followed; `noise_v`: of one reading, if it is known.
+/// The tracked baseline of a recording. `noise_v`: standard deviation of one reading, if it is known.
 fn tracking(
     chosen: &ChosenSettings,
     geometry: &GeometryChoice,

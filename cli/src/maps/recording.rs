@@ -31,12 +31,12 @@ pub(crate) fn open(
     }
 }
 
-/// Which of the frames between `--from` and `--to` are asked for.
+/// Selection of the frames between `--from` and `--to`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Thinning {
-    /// Every nth, from the first.
+    /// Every nth frame, from the first one.
     pub(crate) every: u64,
-    /// At most so many.
+    /// At most this number of frames.
     pub(crate) count: Option<u64>,
 }
 
@@ -57,7 +57,8 @@ impl Thinning {
     }
 }
 
-/// How many frames [`frames`] gives, unless some cannot be read; `None` where that depends on their times.
+/// Number of frames that [`frames`] selects, unless some cannot be read; `None` if it depends on their numbers or
+/// times.
 pub(crate) fn count(
     recording: &Recording,
     source: &RecordingSource,
@@ -70,11 +71,11 @@ pub(crate) fn count(
     Ok(Some(frames.min(thinning.most())))
 }
 
-/// The frames up to the last that is asked for, in order, each with whether it is. Those that cannot be read are named on the
-/// error stream and counted in `damaged`.
+/// All readable frames in order, each with whether it is selected, up to the frame that would exceed the selected
+/// count. Damaged frames are named on the error stream and counted in `damaged`.
 ///
 /// # Errors
-/// `--from` or `--to` is a time, and the frames have none; no frame lies between them.
+/// `--from` or `--to` is a time, and the frames have none; no frame is between them.
 pub(crate) fn frames<'a>(
     recording: &'a Recording,
     source: &'a RecordingSource,
@@ -132,10 +133,10 @@ pub(crate) fn frames<'a>(
         }))
 }
 
-/// The failure of a command that left damaged frames out.
+/// The failure of a command that left out damaged frames.
 ///
 /// # Errors
-/// There were some.
+/// `damaged` is not 0.
 pub(crate) fn check_undamaged(damaged: usize, name: &str) -> Result<(), Failure> {
     match damaged {
         0 => Ok(()),

@@ -32,7 +32,7 @@ struct ReplayLine<'a> {
     map: MapLine<'a>,
     wall: Option<String>,
     map_hash: Option<String>,
-    /// Whether the recorded map had the same bits; `None` if none was recorded.
+    /// Whether the map has the bits of the recorded one; `None` if none was recorded.
     verified: Option<bool>,
     simulated: Option<bool>,
     png: Option<String>,
@@ -157,7 +157,7 @@ pub(crate) fn run(
 }
 
 /// Largest relative distance of a map from one recorded by another build or processor: far above the effect of rounding
-/// in the readings (1e-13), a hundredth of the effect of 2 uV; the test of the tolerance prints both.
+/// in the readings (1e-13), and a hundredth of the effect of 2 uV. The test of the tolerance prints both.
 const TOLERANCE: f64 = 1e-4;
 
 /// The last line of `replay --verify`; see `docs/reference/json.md`.
@@ -344,7 +344,7 @@ struct MapTables {
     triangles: usize,
 }
 
-/// A line of a table of maps.
+/// A line in a table of maps.
 fn line(frame: u64, values: &[f64]) -> String {
     let mut line = format!("f{frame}");
     for value in values {
@@ -365,7 +365,7 @@ impl MapTables {
         }
         let mut maps = OutFile::create(path, existing)?;
         maps.put(maps_heading(mesh).as_bytes())?;
-        // a device or a pipe has no companion files
+        // no companion file can be written next to a device or a pipe
         let (mut frames, mut elements, mut deviations) = (None, None, None);
         if !outfile::is_stream(path) {
             let beside = MapCompanions::of(path);

@@ -36,7 +36,7 @@ pub(crate) fn stored_config(header: &SessionHeader) -> Result<StoredConfig, Fail
     })
 }
 
-/// As [`stored_config`], with the cause alone.
+/// As [`stored_config`], with only the cause in the error.
 pub(crate) fn read_config(header: &SessionHeader) -> Result<StoredConfig, toml::de::Error> {
     let mut tables: toml::Table = toml::from_str(&header.config_toml)?;
     Ok(StoredConfig {
@@ -66,7 +66,7 @@ pub(crate) fn of_quantities(
     }
 }
 
-/// A section without keys unknown to its type.
+/// Parses a section and ignores keys that are unknown to its type.
 fn known_keys<T: serde::de::DeserializeOwned + Default>(
     section: Option<toml::Value>,
 ) -> Result<T, toml::de::Error> {
@@ -77,7 +77,7 @@ fn known_keys<T: serde::de::DeserializeOwned + Default>(
     }
 }
 
-/// A table that passes only the keys of a struct to its deserialisation.
+/// A table that presents only the known keys of a struct to its deserialisation.
 struct KnownKeys(toml::Table);
 
 impl<'de> Deserializer<'de> for KnownKeys {
@@ -106,7 +106,7 @@ impl<'de> Deserializer<'de> for KnownKeys {
 const SETTINGS_HINT: &str =
     "give --preset paper-sheet or disc-tank, --case DIR with a mesh, or --model FILE";
 
-/// The geometry of a session, from its stored configuration, verified by the stored hash.
+/// The geometry of a session from its stored configuration, verified with the stored hash.
 ///
 /// # Errors
 /// The named geometry is not the one that was used.
@@ -120,7 +120,7 @@ pub(crate) fn geometry(header: &SessionHeader) -> Result<Geometry, Failure> {
         ..DiscTank::default()
     });
     let mut geometry = named.geometry(None)?;
-    // the daemon uses it unchanged unless a case folder lacks it
+    // the daemon uses the conductance unchanged unless a case folder lacks it
     geometry.sigma0_known = true;
     match &header.geometry_hash {
         Some(hash) if hash != geometry.mesh.hash() => Err(Failure::Configuration(format!(

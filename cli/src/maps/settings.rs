@@ -8,14 +8,14 @@ use imaging::{MethodArguments, ReconstructionSettings, find_model, find_model_in
 use crate::failure::Failure;
 use crate::maps::session_settings;
 
-/// Settings of a reconstruction, with remarks and information on their origin.
+/// Settings of a reconstruction, with their origin and remarks.
 pub(crate) struct ChosenSettings {
     pub(crate) settings: ReconstructionSettings,
-    /// Whether the session stores how its daemon made the maps: noise is then at the current of its frames.
+    /// Whether the settings are those of the session's daemon: the noise is then at the current of its frames.
     pub(crate) as_recorded: bool,
-    /// The session's calibration, where its method holds too.
+    /// The session's calibration, if the options do not change its method.
     pub(crate) calibration: Option<PathBuf>,
-    /// What a person should know about the choice, a sentence each.
+    /// Remarks about the choice for the user, a sentence each.
     pub(crate) remarks: Vec<String>,
 }
 
@@ -27,7 +27,7 @@ impl ChosenSettings {
     pub(crate) fn new(requested: &MethodArguments, origin: &Origin) -> Result<Self, Failure> {
         let mut remarks = Vec::new();
         let requested = requested.settings().map_err(Failure::Usage)?;
-        // A session recorded without a daemon has no configuration.
+        // a session recorded without a daemon has no configuration
         let header = match origin {
             Origin::Session(header) if !header.config_toml.is_empty() => Some(header),
             Origin::Session(_) | Origin::Folder(_) => None,
@@ -36,7 +36,7 @@ impl ChosenSettings {
             Some(header) => Some(session_settings::stored_config(header)?.model),
             None => None,
         };
-        // maps of a model given by option are bounded like the session's
+        // maps of a model that the options name have the same bounds as those of the session
         let loss_only = requested.loss_only.or(header
             .and_then(|header| session_settings::stored_config(header).ok())
             .and_then(|kept| kept.model.loss_only));

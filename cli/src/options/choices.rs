@@ -64,13 +64,13 @@ pub enum Format {
 }
 
 impl Format {
-    /// As the command line has it.
+    /// The name on the command line.
     pub(crate) fn name(self) -> String {
         let value = self.to_possible_value();
         value.map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    /// Whether it shows one map.
+    /// Whether the format shows one map.
     pub(crate) fn is_picture(self) -> bool {
         matches!(self, Self::Png | Self::Svg | Self::Raster)
     }
@@ -93,10 +93,10 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// The ends as values of a map in this unit.
+    /// The ends as values of a map in the unit `shown`.
     ///
     /// # Errors
-    /// The scale was written in another unit.
+    /// The scale was given in another unit.
     pub fn of(self, shown: MapUnit) -> Result<render::Scale, String> {
         let Self::Fixed { low, high, unit } = self else {
             return Ok(render::Scale::Own);

@@ -43,10 +43,10 @@ impl std::str::FromStr for Moment {
     }
 }
 
-/// A wall time: as it is, or so long before now.
+/// Parses a wall time: an instant, or a duration before now.
 ///
 /// # Errors
-/// Another text.
+/// The text is neither.
 pub(crate) fn wall_time(text: &str) -> Result<DateTime<Utc>, String> {
     let at = match text.parse() {
         Ok(Moment::At(at)) => Some(at),
@@ -63,7 +63,7 @@ pub(crate) fn wall_time(text: &str) -> Result<DateTime<Utc>, String> {
 }
 
 impl Moment {
-    /// How a frame lies to this place: before, at or after it; `None` where the frame has no time and the place is one.
+    /// Whether a frame is before, at or after this place; `None` if the place is a time and the frame has none.
     pub(crate) fn compare(
         self,
         sequence: u64,

@@ -10,7 +10,7 @@ pub(crate) fn speed(text: &str) -> Result<f64, String> {
         .map_err(|refusal| format!("{refusal}: {meaning}"))
 }
 
-/// How many times faster than the session a film of it runs.
+/// Ratio of the speed of a film to that of the session.
 pub(crate) fn film_speed(text: &str) -> Result<f64, String> {
     Bounds::Within(0.001, 1e6).parse(text)
 }

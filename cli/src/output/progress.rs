@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar of `frames`, or a spinner if their number is unknown; hidden if not on a terminal.
+/// A progress bar for `frames`, or a spinner if their number is unknown; hidden without a terminal.
 pub(crate) fn progress(frames: Option<u64>, terminal: bool) -> ProgressBar {
     if !terminal || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

@@ -12,25 +12,25 @@ use survey::printable_lines;
 use crate::failure::Failure;
 use crate::output::{complain, terminal_size, written};
 
-/// Number of messages kept, to be printed again after the screen is closed.
+/// Number of messages kept, to be printed after the screen is closed.
 const KEPT: usize = 50;
-/// Rows at the bottom: the last message, and why there is no picture.
+/// Rows at the bottom: the last message, and the reason why there is no picture.
 const BOTTOM: usize = 2;
 const ENTER: &[u8] = b"\x1b[?1049h\x1b[?25l\x1b[2J";
 const LEAVE: &[u8] = b"\x1b[?25h\x1b[?1049l";
 /// Whether the alternate screen is shown.
 static SHOWN: AtomicBool = AtomicBool::new(false);
-/// Whether keys are read one by one and not echoed.
+/// Whether keys are read one by one and without echo.
 static RAW: AtomicBool = AtomicBool::new(false);
 
-/// Leaves the alternate screen when it is dropped, and before the message of a panic is printed.
+/// The alternate screen. It is left when this is dropped, and before the message of a panic is printed.
 pub(crate) struct Screen {
     messages: RefCell<VecDeque<String>>,
     waiting: RefCell<String>,
 }
 
 impl Screen {
-    /// Shows the alternate screen, without a cursor.
+    /// Shows the alternate screen and hides the cursor.
     ///
     /// # Errors
     /// [`Failure::Closed`] if the terminal is closed.
@@ -52,10 +52,10 @@ impl Screen {
         Ok(screen)
     }
 
-    /// Likewise, and lets keys be read one by one, not echoed.
+    /// As [`Screen::enter`], and keys are read one by one and without echo.
     ///
     /// # Errors
-    /// As [`Screen::enter`]; no keyboard.
+    /// As [`Screen::enter`]; or the keys cannot be read.
     pub(crate) fn enter_raw() -> Result<Self, Failure> {
         let screen = Self::enter()?;
         enable_raw_mode()
@@ -64,13 +64,13 @@ impl Screen {
         Ok(screen)
     }
 
-    /// Columns, and rows above the two at the bottom.
+    /// Columns of the screen, and rows above the two at the bottom.
     pub(crate) fn size(&self) -> (usize, usize) {
         let (columns, rows) = terminal_size().unwrap_or((80, 24));
         (columns, rows.saturating_sub(BOTTOM))
     }
 
-    /// Draws text of this program, which may include escape sequences, from the first row on.
+    /// Draws text of this program, which may include escape sequences, from the first row.
     ///
     /// # Errors
     /// As [`Screen::enter`].
@@ -94,7 +94,7 @@ impl Screen {
         self.bottom()
     }
 
-    /// Displays in the last row why there is no picture; empty if there is one.
+    /// Displays in the last row why there is no picture; an empty text if there is one.
     pub(crate) fn waiting(&self, text: &str) -> Result<(), Failure> {
         if *self.waiting.borrow() == text {
             return Ok(());
@@ -134,14 +134,14 @@ impl Drop for Screen {
     }
 }
 
-/// Returns to the normal screen, if the alternate one is shown, and to lines of echoed keys.
+/// Returns to the normal screen if the alternate one is shown, and to line input with echo.
 fn leave() {
     if RAW.swap(false, Ordering::SeqCst) {
-        // a closed terminal has no keys either
+        // an error means that the terminal is closed
         let _gone = disable_raw_mode();
     }
     if SHOWN.swap(false, Ordering::SeqCst) {
-        // a closed terminal shows neither
+        // an error means that the terminal is closed
         let _gone = write(LEAVE);
     }
 }

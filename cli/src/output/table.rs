@@ -6,7 +6,7 @@ use survey::printable;
 
 /// Aligns rows under a heading; the last column is not padded.
 pub(crate) fn columns<const N: usize>(heading: [&str; N], rows: &[[String; N]]) -> String {
-    // escaped: text from outside must stay in its cell
+    // escaped, so that text from outside cannot leave its cell
     let rows: Vec<[Cow<'_, str>; N]> = rows
         .iter()
         .map(|row| row.each_ref().map(|cell| printable(cell)))

@@ -17,7 +17,7 @@ use crate::options::choices::GeometryChoice;
 use crate::output::complain;
 use crate::output::time::utc;
 
-/// First line of a table of voltages only.
+/// Heading of a table that contains only voltages.
 pub(crate) fn heading(protocol: &Protocol) -> String {
     let heading: Vec<String> = (0..protocol.len())
         .map(|reading| format!("m{reading}"))
@@ -36,7 +36,7 @@ pub(crate) fn row(label: &str, readings: &[Reading]) -> String {
     row
 }
 
-/// The voltage with all its bits, or nothing.
+/// The voltage, with enough digits to be read back exactly; empty for a missing reading.
 pub(crate) fn cell(reading: Reading) -> String {
     reading
         .volts()
@@ -47,7 +47,7 @@ pub(crate) fn cell(reading: Reading) -> String {
 /// Writes the folder without the frames.
 ///
 /// # Errors
-/// A file that cannot be written. An invalid geometry is reported and omitted.
+/// A file cannot be written. An invalid geometry is reported and omitted.
 pub(crate) fn write(
     folder: &Path,
     header: &SessionHeader,
@@ -84,7 +84,7 @@ pub(crate) fn write(
             let table = heading(&header.protocol) + &row("baseline", &baseline.readings);
             put(BASELINE, table)?;
         }
-        // that of an earlier export would be read as the baseline of these frames
+        // the baseline of an earlier export would be taken for that of these frames
         None => outfile::remove(&folder.join(BASELINE), existing)?,
     }
     let provenance = provenance(header, baseline)
@@ -112,7 +112,8 @@ pub(crate) fn mesh_of(
         .map_err(|failure| failure.to_string())
 }
 
-/// The conductance of a preset is an assumption: without `homog`, readers of the case fit one to the baseline.
+/// The case without a stated conductance: that of a preset is an assumption, and without `homog`, readers of the case
+/// fit one to the baseline.
 fn case(geometry: &Geometry, protocol: &Protocol, currents: Vec<f64>) -> Case {
     let mut case = geometry.case_of(protocol.clone(), currents);
     let uniform = geometry.sigma0.windows(2).all(|pair| pair[0] == pair[1]);

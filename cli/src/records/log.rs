@@ -136,7 +136,7 @@ fn since(log: &Log, now: DateTime<Utc>) -> Option<DateTime<Utc>> {
     now.checked_sub_signed(span)
 }
 
-/// With the id in place of `last`.
+/// The options with this id in place of `last`.
 fn with_session(log: &Log, last: Option<String>) -> Log {
     Log {
         session: last.or_else(|| log.session.clone()),
@@ -144,7 +144,7 @@ fn with_session(log: &Log, last: Option<String>) -> Log {
     }
 }
 
-/// Events of a folder; unreadable sessions are reported on standard error.
+/// The events in a folder; unreadable sessions are reported on standard error.
 fn recorded(
     place: &Path,
     log: &Log,
@@ -194,8 +194,8 @@ fn recorded(
         .filter(move |line| line.is_requested(&log, since))
 }
 
-/// Whether a file was last written before the time span began: it need not be opened. The journal of a file that is
-/// being written is newer than the file.
+/// Whether a file was last written before the time span began, so that it need not be opened. While a file is being
+/// written, its journal is newer than the file.
 fn last_written_before(file: &Path, span: Option<Duration>) -> bool {
     let Some(span) = span else { return false };
     let journal = file.with_extension("tactus-wal");

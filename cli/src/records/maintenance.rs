@@ -248,7 +248,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
     failed.map_or(Ok(()), Err)
 }
 
-/// Marks a session as exported; an unwritable folder is reported, but is not a failure.
+/// Marks a session as exported. A folder that cannot be written to is reported, but is not a failure.
 pub(crate) fn mark(session: &logbook::SessionReader, last: u64, export: &Export) {
     let to = &export.out;
     let exported = logbook::ExportMarker {
@@ -268,7 +268,7 @@ pub(crate) fn mark(session: &logbook::SessionReader, last: u64, export: &Export)
     }
 }
 
-/// Parses a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (of two), or a bare number.
+/// Parses a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (powers of two), or a plain number.
 pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
     parse_size::parse_size(text).map_err(|cause| {
         format!("'{text}' is not a size ({cause}); write for example 20GB or 1GiB")

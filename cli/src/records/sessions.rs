@@ -59,11 +59,11 @@ impl From<&SessionSummary> for Session {
 struct Baseline {
     #[serde(flatten)]
     session: Session,
-    /// Whether sessions are measured against it; `None` where no daemon answers.
+    /// Whether sessions are measured against it; `None` if no daemon replies.
     in_use: Option<bool>,
 }
 
-/// Every recorded session, or those of the archive.
+/// Lists every recorded session, or those of the archive.
 pub(crate) fn run(
     global: &Global,
     requested: &Sessions,
@@ -88,7 +88,7 @@ pub(crate) fn run(
     show(&places, &sessions, &[], printer)
 }
 
-/// `baseline list`: the sessions that hold a baseline, and which of them is in use.
+/// `baseline list`: lists the recorded baselines, and marks the one in use.
 pub(crate) fn baselines(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     let (places, sessions) = list(global, |session| session.kind == SessionKind::Baseline)?;
     let used = session_files::baseline_in_use(global)?;

@@ -1,4 +1,4 @@
-//! `tactus sessions show`: with what a session was taken.
+//! `tactus sessions show`: the conditions under which a session was taken.
 
 use std::io::Write;
 
@@ -46,14 +46,14 @@ struct SessionDetails {
     unread: Unread,
 }
 
-/// Why parts of the session cannot be read; fields from them are `None`.
+/// Why parts of the session cannot be read; the fields from these parts are `None`.
 #[derive(Debug, Serialize)]
 struct Unread {
     configuration: Option<String>,
     last_frame: Option<String>,
 }
 
-/// How the frames were taken.
+/// The settings with which the frames were taken.
 #[derive(Debug, Serialize)]
 struct Measured {
     current_a: f64,
@@ -115,12 +115,12 @@ pub(crate) fn run(
     printer.record(&details, |details| page(details, &times))
 }
 
-/// What `sessions show` prints of a session, a name and a text each.
+/// The entries that `sessions show` prints about a session, a name and a text each.
 pub(crate) fn entries(session: &SessionParts) -> Result<Vec<(String, String)>, Failure> {
     Ok(lines(&details(session)?, &Times::of(session)))
 }
 
-/// Begin and end for people.
+/// Begin and end as text.
 struct Times {
     started: String,
     ended: Option<String>,
@@ -223,12 +223,12 @@ fn page(shown: &SessionDetails, times: &Times) -> String {
     lines.join("\n")
 }
 
-/// What is shown in place of a value of the configuration.
+/// Text in place of a value of the configuration.
 const CONFIG_UNREAD: &str = "not known: the stored configuration cannot be read";
-/// What is shown in place of a value of the last frame.
+/// Text in place of a value of the last frame.
 const FRAME_UNREAD: &str = "not known: the last frame cannot be read";
 
-/// Names and texts: what is not known is left out, except where that matters.
+/// Names and texts. Unknown values are left out, unless it matters that they are unknown.
 fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
     let mut lines: Vec<(String, String)> = Vec::new();
     let mut push = |name: &str, text: String| {

@@ -1,4 +1,4 @@
-//! Sessions in an archive of a real PostgreSQL: listed, fetched, read as local ones, played on the page.
+//! Sessions in an archive with a real PostgreSQL: listed, fetched, read like local ones, played on the page.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use crate::scene::{lines, session_of};
 use crate::server::{DATABASE, OWNER, PASSWORD, Server};
 
-/// A machine of a site with a record and a store, and beside it a reader without a record.
+/// A machine of a site with a record and a store, and in addition a reader without a record.
 struct Archive {
     server: Server,
     folder: TempDir,
@@ -72,7 +72,7 @@ impl Archive {
         std::fs::write(self.path(&format!("{name}.toml")), text).unwrap();
     }
 
-    /// `tactus` with a folder of sessions and the configuration of an archive.
+    /// The command `tactus` with a folder of sessions and the configuration of an archive.
     fn command(&self, state: &str, config: &str, words: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_tactus"));
         command
@@ -92,7 +92,7 @@ impl Archive {
             .expect("the program was built")
     }
 
-    /// Runs the reader's `tactus`, which must succeed, and returns its output.
+    /// Runs `tactus` as the reader, expects success, and returns its output.
     fn reads(&self, words: &[&str]) -> String {
         done(self.run("nothing", "ward.toml", words), words)
     }
@@ -304,7 +304,7 @@ fn archive_that_cannot_be_read_is_named_and_nothing_is_kept() {
     assert_eq!(archive.files("cache"), Vec::<PathBuf>::new());
 }
 
-/// `tactus web`, ended with the test.
+/// `tactus web`, killed when dropped.
 struct Page {
     process: Child,
     port: u16,
@@ -335,7 +335,7 @@ impl Page {
         }
     }
 
-    /// Status and body of an answer.
+    /// Status and body of a response.
     fn get(&self, path: &str) -> (u16, Vec<u8>) {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         let (port, token) = (self.port, &self.token);
@@ -419,7 +419,7 @@ fn page_shows_all_sheets_and_plays_their_sessions() {
     archive.server.kill(rustix::process::Signal::QUIT);
     let down = page.refusal("/api/sheets", 409);
     assert!(down.contains("cannot reach PostgreSQL"), "{down}");
-    // an open session is played without the archive
+    // an open session is played while the archive is not available
     assert_eq!(page.get(&format!("{named}/maps/quick/frame/2")).0, 200);
     archive.server.resume();
     page.json("/api/sheets");

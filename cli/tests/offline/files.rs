@@ -79,7 +79,7 @@ fn overload_is_exported_as_blank_with_its_reason() {
     assert_eq!(rows[2][9], "m7:overload");
     assert_eq!(rows[2][10 + 7], "");
     assert!(!table.contains("E37") && !table.contains("NaN"));
-    // To the last bit.
+    // equal to the last bit
     let baseline = std::fs::read_to_string(folder.path().join("out.baseline.csv")).unwrap();
     let mean = baseline.lines().nth(1).unwrap().split(',').nth(6).unwrap();
     assert_eq!(mean, rows[1][10]);
@@ -105,7 +105,7 @@ fn events_are_those_of_all_parts_of_a_session() {
         .collect();
     assert_eq!(alarms.len(), 2, "{events:?}");
     assert!(alarms[0].contains("frame 2") && alarms[1].contains("frame 3"));
-    // only a later part
+    // the name of a later part stands for this part alone
     let events = done(folder.path(), &["events", "m1_p3", "--json"]);
     assert!(events.contains("load of frame 3") && !events.contains("load of frame 2"));
 }
@@ -175,7 +175,7 @@ fn a_log_reports_a_folder_that_cannot_be_read() {
     assert!(tactus(folder.path(), &words).stderr.is_empty());
 }
 
-/// Frames at whole and fractional seconds: readers infer the format of a time column from its first row.
+/// Frames at whole and at fractional seconds. Readers infer the format of a time column from its first row.
 #[test]
 fn times_of_tables_have_six_digits_of_seconds() {
     let folder = tempfile::tempdir().unwrap();
@@ -318,7 +318,7 @@ fn completions_know_every_command() {
     }
 }
 
-/// What a shell completes after these words, the last of which is incomplete.
+/// The completions of a shell for these words, the last of which is incomplete.
 fn completed(folder: &Path, shell: &str, words: &[&str]) -> Option<Vec<String>> {
     let script = folder.join(format!("tactus.{shell}"));
     std::fs::write(&script, done(folder, &["completions", shell])).unwrap();
@@ -405,7 +405,7 @@ fn every_place_looked_in_is_named() {
     for place in ["xdg/tactus", "home/.local/state/tactus", "/var/lib/tactus"] {
         assert!(message.contains(place), "{message}");
     }
-    // A session in any of them is found.
+    // a session in any of the directories is found
     let there = folder.path().join("home/.local/state/tactus");
     std::fs::create_dir_all(&there).unwrap();
     session(&there);

@@ -120,7 +120,7 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
         "{text}"
     );
 
-    // a frame without readings has no map, the others have theirs
+    // a frame without readings has no map, and the other frames have theirs
     let frames = std::fs::read_to_string(folder.path().join("out.case/frames.csv")).unwrap();
     let mut rows: Vec<String> = frames.lines().map(str::to_owned).collect();
     rows[2] = format!("f2{}", ",".repeat(rows[0].matches(',').count()));
@@ -207,7 +207,7 @@ fn a_session_is_replayed_as_its_daemon_made_it_and_verified() {
         folder.path(),
         &["replay", "m1", "--json", "--prior", "tikhonov"],
     ));
-    // The first frame is the baseline: no change by any method.
+    // the first frame is the baseline, so that no method finds a change
     assert!(otherwise[1..].iter().all(|line| line["verified"] == false));
     assert_eq!(otherwise[0]["method"], "one-step tikhonov");
 }
@@ -350,7 +350,7 @@ fn a_geometry_that_is_not_the_one_recorded_is_refused() {
     );
     let message = refused(folder.path(), &["replay", "m1"], 78);
     assert!(message.contains("was recorded on geometry"), "{message}");
-    // An explicit option takes precedence.
+    // an option takes precedence over the session
     done(
         folder.path(),
         &[
@@ -399,7 +399,7 @@ fn a_session_that_was_rolled_over_is_one() {
             rolled.len()
         );
     }
-    // A later part alone; and the last frame of all parts.
+    // a later part alone, and the last frame of all parts
     assert_eq!(outcome(rolled.path(), "m1_p3").0, of_whole.0[2..]);
     let picture = ["export", "m1", "--format", "svg", "--out", "map.svg"];
     let message = done(
@@ -407,7 +407,7 @@ fn a_session_that_was_rolled_over_is_one() {
         &[&picture[..], &["--preset", "disc-tank", "--json"]].concat(),
     );
     assert_eq!(lines(&message)[0]["frame"], 3);
-    // All parts are marked as exported.
+    // all parts are marked as exported
     let pruning = [
         "sessions",
         "prune",
@@ -566,7 +566,7 @@ fn stored_quantities_without_a_value_are_a_failure() {
         "{message}"
     );
     assert!(message.contains("--recompute"), "{message}");
-    // a load of zero is a value too
+    // a load of zero is a value, and not a missing one
     store(folder.path(), "m20270115_1", &[row(Quantity::Load)]).unwrap();
     done(folder.path(), &quantities);
 }

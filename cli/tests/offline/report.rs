@@ -21,7 +21,7 @@ fn report(folder: &Path, session: &str) -> (String, serde_json::Value) {
     (page, lines(&printed)[0].clone())
 }
 
-/// The names of a folder, sorted.
+/// The names of the files in a folder, sorted.
 fn names(folder: &Path) -> Vec<String> {
     let names = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<String> = names
@@ -191,7 +191,7 @@ fn frames_without_a_map_are_no_maps_without_a_load() {
     assert_eq!(page.matches(none).count(), 2, "summary and worst moments");
     assert!(page.contains("readings are missing"));
     assert!(!page.contains("above its noise"));
-    // maps that show nothing
+    // a session in whose maps nothing is above the noise
     session_without_load(unloaded.path(), false);
     let (page, line) = report(unloaded.path(), "last");
     assert_eq!(line["maps"], 0);
@@ -266,7 +266,7 @@ fn a_report_that_cannot_be_written_leaves_nothing() {
     // a wrong option is refused; a missing geometry would only leave out the maps
     let message = of("new", &["--preset", "disc-tank", "--electrodes", "8"], 78);
     assert!(message.contains('8'), "{message}");
-    // an empty folder is filled
+    // an existing empty folder is accepted
     std::fs::create_dir(folder.path().join("out")).unwrap();
     report(folder.path(), "last");
 }

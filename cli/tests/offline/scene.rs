@@ -51,7 +51,7 @@ fn at(second: i64) -> DateTime<Utc> {
     DateTime::from_timestamp(1_800_000_000 + second, 0).expect("a time in range")
 }
 
-/// Voltages of a tank on a finer mesh than the reconstruction's, with or without the load.
+/// Voltages of a tank on a finer mesh than that of the reconstruction, with or without the load.
 fn voltages(
     tank: &Arc<Mesh>,
     forward: &Forward,
@@ -145,7 +145,7 @@ pub fn session_with_alarm_not_judged(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
-/// [`session`] with two frames more, the last ten minutes after the fourth.
+/// [`session`] with two more frames, the last one ten minutes after the fourth.
 pub fn session_paused(folder: &Path) -> PathBuf {
     let header = SessionHeader::new("m20270115_1", at(0), protocol());
     let course = Course {
@@ -165,7 +165,7 @@ pub fn baseline_session(folder: &Path) {
     writer.close(at(-50), "count reached").expect("closed");
 }
 
-/// [`session`], with a new part after each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
+/// [`session`] with a new part after each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
 pub fn session_in_parts(folder: &Path) {
     let header = SessionHeader::new("m1", at(0), protocol());
     let course = Course {
@@ -218,7 +218,8 @@ pub fn session_with_unread_end(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
-/// [`session`] as recorded by a daemon that reconstructs on a disc tank for 3 uV of noise; stores `configuration`.
+/// [`session`] as recorded by a daemon that reconstructs on a disc tank for 3 uV of noise, with a stored
+/// `configuration`.
 pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
     session_with(folder, id, configuration, |_, record, _| record)
 }
@@ -265,7 +266,8 @@ pub fn session_released(folder: &Path, id: &str, configuration: &str) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
-/// A calibration file of the tank for maps of a method, as `--json` prints it: 100 kPa where all conductance is lost.
+/// A calibration file of the tank for maps of a method, as `--json` prints it: 100 kPa for a complete loss of
+/// conductance.
 pub fn calibration(method: &Value) -> String {
     let mesh = DiscTank::default().mesh().expect("a sound tank");
     format!(
@@ -276,7 +278,7 @@ pub fn calibration(method: &Value) -> String {
     )
 }
 
-/// The header of a daemon that reconstructs on a disc tank.
+/// The header that a daemon writes which reconstructs on a disc tank.
 fn header_of(id: &str, configuration: &str, mesh: &Mesh) -> SessionHeader {
     SessionHeader {
         config_toml: format!("{configuration}[geometry]\npreset = \"disc-tank\"\n"),
@@ -292,27 +294,27 @@ fn protocol() -> Protocol {
 /// Variations of a session.
 #[derive(Debug, Clone, Copy, Default)]
 struct Course {
-    /// A new part after each frame.
+    /// Whether a new part starts after each frame.
     rolled: bool,
-    /// Delays the second frame by a third of a second, the third by two thirds.
+    /// Whether the second frame is delayed by a third of a second, and the third by two thirds.
     thirds: bool,
-    /// No baseline.
+    /// Whether there is no baseline.
     bare: bool,
-    /// Two frames more, the last ten minutes after the fourth, with an event that explains it.
+    /// Whether there are two more frames, the last one ten minutes after the fourth, with an event that explains it.
     paused: bool,
-    /// An alarm with the second frame and another with the third.
+    /// Whether an alarm becomes active with the second frame and another one with the third.
     alarms: bool,
-    /// With the second frame, an alarm that cannot be judged.
+    /// Whether an alarm cannot be judged from the second frame on.
     not_judged: bool,
-    /// The load in the first two frames, none in the last.
+    /// Whether only the first two frames have the load.
     released: bool,
-    /// No load in any frame.
+    /// Whether no frame has a load.
     unpressed: bool,
-    /// Nothing was measured in any frame.
+    /// Whether all readings are missing in all frames.
     unread: bool,
-    /// Nothing was measured in the last frame.
+    /// Whether all readings are missing in the last frame.
     unread_end: bool,
-    /// The source in compliance in the last frame.
+    /// Whether the source is in compliance in the last frame.
     compliance_end: bool,
 }
 

@@ -33,7 +33,7 @@ fn frames_without_times_are_one_span_of_unknown_begin() {
     let frame = &lines(&asked("--each-frame --json"))[2];
     assert!(frame["regions"][0]["values"]["load"].is_f64(), "{frame}");
     assert!(frame["regions"][0]["values"]["dose"].is_null(), "{frame}");
-    // the length of a span cannot be kept
+    // spans of one minute are impossible without times
     let every = line("--every 1m");
     let message = refused(folder.path(), &every.split(' ').collect::<Vec<_>>(), 2);
     assert!(

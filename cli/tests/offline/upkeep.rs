@@ -1,4 +1,4 @@
-//! Checking, repair and pruning of records, and verification of their maps.
+//! Verification, repair and pruning of records, and verification of their maps.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::scene::{done, lines, refused, session, session_of, session_with, tact
 /// Configuration of the sessions in these tests.
 const NOISE: &str = "[model]\nnoise_uv = 3.0\n";
 
-/// Flips a bit of a file, at an offset after a given text.
+/// Flips a bit of a file, `behind` bytes after a given text.
 fn bend(path: &Path, near: &[u8], behind: usize) {
     let mut bytes = std::fs::read(path).unwrap();
     let place = bytes
@@ -51,7 +51,7 @@ fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
         "{message}"
     );
 
-    // The note is in the header.
+    // the note is in the header
     bend(&path, b"three frames", 1);
     let output = tactus(folder.path(), &["sessions", "verify", "--all"]);
     assert_eq!(output.status.code(), Some(1));
@@ -121,7 +121,7 @@ fn repair_writes_good_frames_to_new_file_and_keeps_the_old() {
         &["sessions", "verify", "m1_repaired", "--json"],
     ));
     assert_eq!(whole[0]["whole"], true);
-    // The records of the maps are kept, too.
+    // the records of the maps are kept too
     done(folder.path(), &["replay", "m1_repaired", "--verify"]);
     let again = refused(folder.path(), &["sessions", "repair", "m1"], 1);
     assert!(again.contains("exists already"), "{again}");
@@ -168,7 +168,7 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
     assert!(!first.with_extension("exported.json").exists());
     let message = std::fs::read_to_string(folder.path().join("pruned.jsonl")).unwrap();
     assert!(message.contains("m20270115_1"), "{message}");
-    // All sessions of these tests are dated 2027, so none counts as old, and a limit of zero bytes cannot be reached.
+    // all sessions of these tests are dated 2027, so that none counts as old; a limit of zero bytes cannot be reached
     assert!(refused(folder.path(), &["sessions", "prune"], 2).contains("--older-than"));
     let message = done(folder.path(), &["sessions", "prune", "--keep-bytes", "0"]);
     assert!(message.contains("m2 went"), "{message}");
@@ -180,7 +180,7 @@ fn sessions_removed_before_a_failure_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let first = session_of(folder.path(), "m1", "");
     let second = session_of(folder.path(), "m2", "");
-    // no file that can be removed
+    // a folder in place of a file, which cannot be removed like one
     std::fs::create_dir(folder.path().join("m2-failed-1.json")).unwrap();
     let prune = ["sessions", "prune", "--keep-bytes", "0"];
     let output = tactus(folder.path(), &prune);
@@ -236,11 +236,11 @@ fn maps_are_verified_against_what_was_kept_of_them() {
     assert!(message.contains("nothing to verify"), "{message}");
 }
 
-/// Another processor may sum in another order: the bits differ, the map is the same within rounding.
+/// Another processor may add in another order: the bits differ, but the map is the same up to rounding.
 #[test]
 fn maps_of_another_build_are_verified_within_a_tolerance() {
     let folder = tempfile::tempdir().unwrap();
-    // As if made by another build: first with a small deviation, then with a large one.
+    // as if made by another build: first with a small deviation, then with a large one
     let elsewhere = |beside: f64| {
         move |map: &Map, record, _| MapRecord {
             hash: "0".repeat(64),
@@ -269,7 +269,7 @@ fn maps_of_another_build_are_verified_within_a_tolerance() {
     assert!(message.contains("cannot be verified"), "{message}");
 }
 
-/// The claim about the tolerance in `replay.rs`: far above rounding, far below noise.
+/// Tests the claim about the tolerance in `replay.rs`: far above rounding, far below noise.
 #[test]
 fn the_tolerance_of_a_map_lies_between_rounding_and_noise() {
     let folder = tempfile::tempdir().unwrap();

@@ -18,7 +18,7 @@ use crate::options::duration::display_span;
 use crate::output::Printer;
 use crate::output::progress::progress;
 
-/// Interval of the lines that report progress if no bar can be drawn.
+/// Interval of the lines that report progress where no progress bar can be drawn.
 const PROGRESS_INTERVAL: Duration = Duration::from_secs(10);
 
 /// A line of `start`, `stop`, `step` and `baseline record` with `--json`; see `docs/reference/json.md`.
@@ -32,7 +32,7 @@ pub(crate) enum SessionLine {
         path: String,
         simulated: bool,
     },
-    /// This many frames are on disk.
+    /// The frame with this number is on disk.
     Stepped { session: String, sequence: u64 },
     /// A warning about the session's data.
     Warning { session: String, text: String },
@@ -102,14 +102,14 @@ pub(crate) async fn start(
     follow(daemon, &session, whole, start.within, printer).await
 }
 
-/// Remarks on a baseline; the daemon may compute them first. None where they cannot be had.
+/// Remarks on a baseline, which the daemon may have to compute first. Empty if the daemon does not return them.
 pub(crate) async fn remarks_on(daemon: &Daemon, baseline: &str) -> Vec<String> {
     let requested = daemon.manager.baseline_remarks(baseline);
     let remarks = daemon.ask("remarks on the baseline", requested).await;
     remarks.unwrap_or_default()
 }
 
-/// Prints the warnings about the session's baseline. Where they cannot be had, the session goes on.
+/// Prints the warnings about the session's baseline. If they cannot be obtained, the session continues without them.
 async fn warn_of_baseline(
     daemon: &Daemon,
     session: &Session1Proxy<'_>,
@@ -122,7 +122,7 @@ async fn warn_of_baseline(
     warn_of(daemon, &baseline, &id, printer).await
 }
 
-/// Prints the warnings about a baseline, as those of a session.
+/// Prints the warnings about a baseline as warnings of a session.
 pub(crate) async fn warn_of(
     daemon: &Daemon,
     baseline: &str,
@@ -153,7 +153,7 @@ fn start_options(start: &Start) -> Result<SessionOptions, Failure> {
     Ok(start.about.with(start.measuring.with(options)))
 }
 
-/// A model file's absolute path, because the daemon has another working directory. `one-step` is not a file.
+/// The absolute path of a model file, because the daemon has another working directory. `one-step` is not a file.
 fn absolute_model_path(model: &Path) -> Result<PathBuf, Failure> {
     if model == Path::new("one-step") {
         return Ok(model.to_owned());
@@ -170,7 +170,7 @@ pub(crate) async fn stop(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let session = chosen(daemon, stop.session.as_deref()).await?;
-    // Stopping waits for the current frame and for the source: longer than the timeout of one reply.
+    // stopping waits for the current frame and for the source, and so may exceed the timeout of one reply
     session
         .stop()
         .await
@@ -189,7 +189,7 @@ pub(crate) async fn step(
     let sequence = match session.step(step.frames).await {
         Ok(sequence) => sequence,
         Err(error) => {
-            // A session that ends in a fault during the steps is an instrument fault.
+            // a session that ended in a fault during the steps is an instrument fault
             check_end(daemon, &session).await?;
             return Err(fault("step", &error));
         }

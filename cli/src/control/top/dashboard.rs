@@ -1,4 +1,4 @@
-//! What the dashboard shows, and what keys change.
+//! The state of the dashboard, and how keys change it.
 
 use std::sync::Arc;
 
@@ -15,9 +15,9 @@ use crate::control::top::history::History;
 use crate::maps::drawing::Field;
 use crate::options::choices::Scale;
 
-/// The last map with what is known of it.
+/// The last map with the results of its frame.
 pub(crate) struct Picture {
-    /// Its frame.
+    /// The frame of the map.
     pub(crate) frame: FrameState,
     pub(crate) map: Map,
     pub(crate) tracked: Option<Tracked>,
@@ -32,30 +32,30 @@ pub(crate) struct Dashboard {
     pub(crate) help: bool,
     /// Whether the list of alarms is shown.
     pub(crate) alarms: bool,
-    /// The chosen alarm of the list.
+    /// Index of the selected alarm in the list.
     pub(crate) chosen: usize,
-    /// The alarm whose acknowledgement waits for a yes.
+    /// The alarm whose acknowledgement must be confirmed by `y`.
     pub(crate) asking: Option<String>,
-    /// What became of the last acknowledgement.
+    /// Result of the last acknowledgement, as text.
     pub(crate) answer: Option<String>,
-    /// The first quantity of the table.
+    /// Index of the first quantity shown in the table.
     pub(crate) first_quantity: usize,
-    /// The first region of the table.
+    /// Index of the first region shown in the table.
     pub(crate) first_region: usize,
     pub(crate) seen: State,
     geometry: Option<Arc<dbus::Geometry>>,
-    /// Where maps are drawn, or why they cannot be.
+    /// The geometry for drawing maps, or why they cannot be drawn.
     pub(crate) field: Option<Result<Field, String>>,
-    /// The session of the picture.
+    /// The session to which the picture belongs.
     session: Option<String>,
     pub(crate) picture: Option<Picture>,
     pub(crate) history: History,
 }
 
-/// What follows a key.
+/// What to do after a key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Next {
-    /// Draw what changed.
+    /// Draw the changes.
     Stay,
     /// Acknowledge this alarm.
     Acknowledge(String),
@@ -86,7 +86,7 @@ impl Dashboard {
         }
     }
 
-    /// Takes what was read of the daemon.
+    /// Takes over the state that was read from the daemon.
     pub(crate) fn take(&mut self, snapshot: &Snapshot) {
         self.seen = snapshot.state.clone();
         let known = self.geometry.as_ref().zip(snapshot.geometry.as_ref());
@@ -97,7 +97,7 @@ impl Dashboard {
                 .as_deref()
                 .map(|geometry| Field::from_bus(geometry).map_err(|failure| failure.to_string()));
         }
-        // the map of a session that has ended is not that of the sheet now
+        // the map of an ended session does not show the present state of the sheet
         let session = self.seen.session.as_ref().map(|session| &session.id);
         if self.session.as_ref() != session {
             self.session = session.cloned();
@@ -117,7 +117,7 @@ impl Dashboard {
 
     /// Shows a frame with the values of its map, in the frame's unit.
     pub(crate) fn show(&mut self, frame: FrameState, values: &[f32]) {
-        // a newer daemon may have words that this program does not know
+        // a newer daemon may send values that this program does not know
         fn parsed<T: DeserializeOwned>(value: Option<&Value>) -> Option<T> {
             serde_json::from_value(value?.clone()).ok()
         }
@@ -202,7 +202,8 @@ impl Dashboard {
         Next::Stay
     }
 
-    /// Asks whether the chosen alarm is to be acknowledged: one key must not do it, also not one that was meant for another window.
+    /// Asks for confirmation that the selected alarm is to be acknowledged, because a single key, which may have been
+    /// meant for another window, must not acknowledge it.
     fn ask(&mut self) {
         self.answer = None;
         let alarms = &self.seen.alarms;
@@ -215,7 +216,7 @@ impl Dashboard {
         }
     }
 
-    /// Takes what became of an acknowledgement.
+    /// Stores the result of an acknowledgement.
     pub(crate) fn acknowledged(&mut self, name: &str, done: Result<(), String>) {
         self.answer = Some(match done {
             Ok(()) => format!("{name} is acknowledged"),

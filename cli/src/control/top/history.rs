@@ -9,7 +9,7 @@ pub(crate) const SPAN_MS: i64 = 600_000;
 /// Quantities of the whole sheet with a chart.
 pub(crate) const CHARTED: [Quantity; 3] = [Quantity::Load, Quantity::Contact, Quantity::Peak];
 
-/// The values of a frame; `None` where it is not known.
+/// The values of a frame; `None` for an unknown one.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     wall_ms: i64,
@@ -24,7 +24,8 @@ pub(crate) struct History {
 }
 
 impl History {
-    /// Adds a frame. Values in another unit cannot stand on the same chart: they replace those before.
+    /// Adds a frame. If its unit differs from that of the earlier values, these are dropped, because a chart has one
+    /// unit.
     pub(crate) fn add(&mut self, wall_ms: i64, quantities: Option<&FrameQuantities>) {
         let unit = quantities.map(|quantities| quantities.unit);
         if unit.is_some() && self.unit != unit {
@@ -48,8 +49,8 @@ impl History {
         self.unit
     }
 
-    /// The largest value in each of `columns` equal spans of the ten minutes before `now_ms`, the oldest first; `None` for a
-    /// span without a known value. Time of a frame later than now, by another clock, counts as now.
+    /// The largest value in each of `columns` equal spans of the ten minutes before `now_ms`, the oldest first; `None`
+    /// for a span without a known value. A frame that is later than now, because of another clock, counts as now.
     pub(crate) fn columns(&self, chart: usize, columns: usize, now_ms: i64) -> Vec<Option<f64>> {
         let mut largest = vec![None; columns];
         let columns = columns as i64;

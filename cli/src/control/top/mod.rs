@@ -1,7 +1,7 @@
 //! `tactus top`: the running daemon on a full screen.
 //!
-//! [`web::follow`] reads the daemon, [`Dashboard`] keeps what is shown, [`view::draw`] draws it. Neither of the last two reads a
-//! clock, the terminal or the bus.
+//! [`web::follow`] reads the daemon, [`Dashboard`] holds the state of the screen, [`view::draw`] draws it. The last two
+//! do not access a clock, the terminal or the bus.
 
 mod dashboard;
 mod history;
@@ -34,13 +34,13 @@ use crate::output::{Printer, written};
 
 /// Least time between two drawings of new data.
 const DRAW_INTERVAL: Duration = Duration::from_millis(100);
-/// Time after which the screen is drawn again without new data: it shows ages.
+/// Time after which the screen is drawn again without new data, because it shows ages.
 const CLOCK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Draws until a key or a signal ends it.
 ///
 /// # Errors
-/// Standard output is no terminal; the terminal cannot be used.
+/// Standard output is not a terminal; the terminal cannot be used.
 pub(crate) fn run(
     global: &Global,
     requested: &Top,
@@ -58,7 +58,7 @@ pub(crate) fn run(
         let dashboard = Dashboard::new(printer.map_colour(), requested.scale);
         let live = Live::default();
         let changes = live.subscribe();
-        // before the screen: a signal that comes right after it must leave it too
+        // before entering the screen, so that a signal right after that leaves the screen too
         let mut signals = end_signals(true);
         let _screen = Screen::enter_raw()?;
         let backend = CrosstermBackend::new(std::io::stdout());
@@ -71,7 +71,7 @@ pub(crate) fn run(
     })
 }
 
-/// Keys and changes of the terminal's size. The thread that reads them ends with the program.
+/// Keys and changes of the terminal's size. The thread that reads them runs until the program ends.
 fn events() -> mpsc::Receiver<std::io::Result<Event>> {
     let (send, receive) = mpsc::channel(16);
     std::thread::spawn(move || {
@@ -131,7 +131,7 @@ where
                             (name, done)
                         });
                     }
-                    // not `Terminal::clear`: it queries the terminal for the position of its cursor
+                    // not `Terminal::clear`, which queries the terminal for the position of its cursor
                     Next::Redraw => {
                         let size = terminal.size().map_err(|error| written(&error))?;
                         terminal.resize(Rect::from(size)).map_err(|error| written(&error))?;

@@ -1,4 +1,4 @@
-//! Screens of hand-made states.
+//! Tests of screens with constructed states.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -172,7 +172,8 @@ fn state() -> State {
     }
 }
 
-/// The state after frames of the last five minutes, one each five seconds; frames 30 to 35 have no known quantities.
+/// The state after frames of the last five minutes at intervals of five seconds; frames 30 to 35 have no known
+/// quantities.
 fn measuring(colour: TerminalColour) -> (Dashboard, Snapshot) {
     let mut shown = Dashboard::new(colour, Scale::Own);
     let mut snapshot = Snapshot::default();
@@ -263,7 +264,7 @@ fn screens_are_the_kept_ones() {
     golden("top-alarms-80x24.txt", &text(&drawn(&shown, 80, 24)));
 }
 
-/// Five alarms: notifying, over, impossible to judge, shelved, and ok.
+/// Five alarms: active and notifying, ended, impossible to judge, shelved, and ok.
 fn alarms() -> Vec<Alarm> {
     let alarm = |name: &str, level: &str, active: bool| Alarm {
         name: name.into(),
@@ -451,7 +452,7 @@ fn charts_show_the_largest_value_of_each_span() {
     );
     // a frame without known quantities is a gap
     history.add(900_000, None);
-    // a clock that is ahead
+    // the time of a frame by a clock that is ahead
     add(&mut history, 1_000_500, 5.0);
     assert_eq!(
         history.columns(0, 10, now_ms)[7..],
@@ -505,7 +506,7 @@ fn an_alarm_is_acknowledged_after_a_second_key() {
     let key = |code| Event::Key(KeyEvent::new(code, KeyModifiers::NONE));
     let (mut shown, _) = measuring(TerminalColour::Plain);
     shown.seen.alarms = alarms();
-    // without the list the keys scroll the table
+    // without the list of alarms the keys scroll the table
     assert_eq!(shown.press(&key(KeyCode::Enter)), Next::Stay);
     assert_eq!(shown.asking, None);
     shown.press(&key(KeyCode::Char('a')));
@@ -537,7 +538,7 @@ fn an_alarm_is_acknowledged_after_a_second_key() {
         seen.contains("> disk-days: ok") && seen.contains("needs no acknowledgement"),
         "{seen}"
     );
-    // a list that became shorter
+    // the list has become shorter than the index
     shown.seen.alarms.truncate(1);
     shown.press(&key(KeyCode::Enter));
     drawn(&shown, 80, 24);

@@ -12,9 +12,9 @@ use crate::control::top::dashboard::Dashboard;
 use crate::control::top::history::CHARTED;
 use crate::control::top::panels::{self, warning};
 
-/// The least columns and rows of a screen.
+/// Minimum columns and rows of a screen.
 const LEAST: [u16; 2] = [80, 24];
-/// Rows from which panels are higher.
+/// Number of rows from which on the panels are higher.
 const TALL: u16 = 32;
 
 /// A part of the screen with a title.
@@ -46,7 +46,7 @@ const KEYS: [(&str, &str); 8] = [
 ];
 
 impl Panel {
-    /// Its height; each column has one panel that takes the rest.
+    /// The height of a panel; in each column one panel takes the remaining rows.
     fn height(self, tall: bool) -> Constraint {
         let rows = |low, high| Constraint::Length(if tall { high } else { low });
         match self {
@@ -79,7 +79,7 @@ impl Panel {
     }
 }
 
-/// Draws the dashboard at a moment; its offset from UTC is that of all times shown.
+/// Draws the dashboard at the time `now`, whose offset from UTC is used for all displayed times.
 pub(crate) fn draw(frame: &mut Frame<'_>, shown: &Dashboard, now: DateTime<FixedOffset>) {
     let area = frame.area();
     let [least_columns, least_rows] = LEAST;

@@ -1,4 +1,4 @@
-//! What is displayed of a frame and of an injection: a line, and a picture below it or in place of the one before.
+//! Displays a frame or an injection: a line, with the map below it or in place of the previous map.
 
 use std::io::Write;
 

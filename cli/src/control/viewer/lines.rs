@@ -29,7 +29,7 @@ pub(crate) struct FrameLine {
     pub(crate) sequence: u64,
     pub(crate) wall: String,
     pub(crate) simulated: bool,
-    /// Records lost just before, because this client was too slow.
+    /// Number of records lost just before this one, because this client was too slow.
     pub(crate) gap: u64,
     pub(crate) readings: usize,
     pub(crate) overloads: usize,
@@ -37,18 +37,18 @@ pub(crate) struct FrameLine {
     /// `None` without a map.
     pub(crate) method: Option<String>,
     pub(crate) largest_loss: Option<f64>,
-    /// Whether that is more than `noise`; `None` if the noise is unknown.
+    /// Whether `largest_loss` is above `noise`; `None` if the noise is unknown.
     pub(crate) significant: Option<bool>,
-    /// The largest loss by noise alone.
+    /// The largest loss due to noise alone.
     pub(crate) noise: Option<f64>,
     pub(crate) found_mm: Option<[f64; 2]>,
     /// Unit of the displayed map; `None` without a map.
     pub(crate) unit: Option<&'static str>,
-    /// Present with a calibration.
+    /// Force on the sheet; present with a calibration.
     pub(crate) newtons: Option<f64>,
     pub(crate) largest_kpa: Option<f64>,
     pub(crate) quality: Option<MapQuality>,
-    /// What the tracked baseline says; `None` where it is not tracked.
+    /// Result of the tracked baseline; `None` if the baseline is not tracked.
     pub(crate) tracked: Option<Tracked>,
     /// `None` without a map.
     pub(crate) quantities: Option<FrameQuantities>,
@@ -61,7 +61,7 @@ pub(crate) struct InjectionLine {
     pub(crate) frame: u64,
     pub(crate) wall: String,
     pub(crate) simulated: bool,
-    /// Records lost just before, because this client was too slow.
+    /// Number of records lost just before this one, because this client was too slow.
     pub(crate) gap: u64,
     pub(crate) after: AfterInjection,
 }
@@ -72,10 +72,11 @@ pub(crate) struct DeviationLine {
     pub(crate) sequence: u64,
     pub(crate) wall: String,
     pub(crate) simulated: bool,
-    /// Records lost just before, because this client was too slow.
+    /// Number of records lost just before this one, because this client was too slow.
     pub(crate) gap: u64,
     pub(crate) mesh_hash: String,
-    /// Of the change of ln conductance, for each triangle of the region; `None` where the frame says nothing of it.
+    /// Standard deviation of the change of ln conductance for each triangle of the region; `None` if the frame gives no
+    /// information about it.
     pub(crate) deviations: Vec<Option<f64>>,
 }
 
@@ -87,7 +88,7 @@ fn missed(records: u64) -> String {
     }
 }
 
-/// A line in words.
+/// The line as text.
 pub(crate) fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
     match line {
         WatchLine::Ended { session, reason } => format!("{session} ended: {reason}"),

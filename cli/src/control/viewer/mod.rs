@@ -36,16 +36,16 @@ struct PressureMap {
     newtons: f64,
 }
 
-/// What belongs to the frame with this sequence number.
+/// A value with the sequence number of the frame to which it belongs.
 type OfFrame<T> = (u64, T);
 
-/// Takes what was kept, if it belongs to this frame.
+/// Takes a kept value if it belongs to this frame; otherwise discards it.
 fn of_frame<T>(kept: &mut Option<OfFrame<T>>, sequence: u64) -> Option<T> {
     let (of, value) = kept.take()?;
     (of == sequence).then_some(value)
 }
 
-/// What a record or a report has of a frame as JSON; `None` where a newer daemon has words that this program does not know.
+/// Parses JSON about a frame; `None` if a newer daemon sends values that this program does not know.
 fn parsed<T: DeserializeOwned>(sequence: u64, json: &str) -> Option<OfFrame<T>> {
     Some((sequence, serde_json::from_str(json).ok()?))
 }
@@ -57,30 +57,30 @@ struct Picture {
     style: render::Style,
 }
 
-/// Displays records as they arrive: a line per frame with its map below; on the alternate screen each replaces the one
-/// before.
+/// Displays records as they arrive: a line per frame with its map below; on the alternate screen each map replaces the
+/// previous one.
 pub(crate) struct Viewer<'a, W> {
     id: String,
     watch: &'a Watch,
     field: Option<Field>,
-    /// The largest loss by noise alone in the session's maps, and whether the daemon has been queried for it.
+    /// The largest loss due to noise alone in the session's maps, and whether the daemon has been queried for it.
     noise: (Option<f64>, bool),
     shown: u64,
     /// Sequence number of the frame displayed last.
     last: Option<u64>,
     /// A frame whose map may still arrive, and when to stop waiting for it.
     waiting: Option<(Record, Instant)>,
-    /// It arrives before its map, with the sequence of its frame.
+    /// Pressures of a frame, which arrive before its map.
     pressure: Option<OfFrame<PressureMap>>,
-    /// Likewise.
+    /// Quality of a map, which arrives before it.
     quality: Option<OfFrame<MapQuality>>,
-    /// Likewise.
+    /// Result of the tracked baseline for a frame, which arrives before its map.
     tracked: Option<OfFrame<Tracked>>,
-    /// Likewise.
+    /// Quantities of a frame, which arrive before its map.
     quantities: Option<OfFrame<FrameQuantities>>,
     screen: Option<&'a Screen>,
     picture: Option<Picture>,
-    /// When something was last displayed.
+    /// Time of the last display.
     shown_at: &'a Cell<Instant>,
     printer: &'a mut Printer<W>,
 }
@@ -113,7 +113,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         }
     }
 
-    /// Displays the session's latest map, which is not counted: the next one may be minutes away.
+    /// Displays the session's latest map, without counting it, because the next one may be minutes away.
     pub(crate) fn show_latest(
         &mut self,
         latest: dbus::LatestMap,
@@ -145,7 +145,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.print(&frame, Some(&map))
     }
 
-    /// The last map in words; `None` before the first map.
+    /// The last map as text; `None` before the first map.
     pub(crate) fn last_sentence(&self) -> Option<String> {
         Some(self.picture.as_ref()?.sentence.clone())
     }
@@ -167,7 +167,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .next_record()
                 .map_err(|error| Failure::failed("the stream cannot be decoded", &error))?
             {
-                // the daemon knows the noise after the first map
+                // the daemon knows the noise only after the first map
                 if matches!(record.body, Body::Map { .. }) && !self.noise.1 {
                     self.noise = (noise().await, true);
                 }
@@ -257,7 +257,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                     }
                     other if self.last == Some(record.sequence) => self.waiting = other,
                     other => {
-                        // The frame of this map was lost in a gap.
+                        // the frame of this map was lost in a gap
                         self.waiting = other;
                         self.flush()?;
                         record.body = Body::Frame {
@@ -336,7 +336,7 @@ pub(crate) async fn end(
     session::check_end(daemon, session).await
 }
 
-/// As the bus has it: a word, and sentences.
+/// The quality of a map on the bus: a verdict, and sentences as reasons.
 fn quality(details: &dbus::MapDetails) -> Option<MapQuality> {
     let reason = |text: &str| Reason {
         kind: String::new(),

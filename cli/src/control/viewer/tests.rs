@@ -1,4 +1,4 @@
-//! The viewer with hand-made streams.
+//! Tests of the viewer with constructed streams.
 
 use crate::control::viewer::*;
 

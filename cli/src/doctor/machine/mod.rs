@@ -8,7 +8,7 @@ use chrono::{DateTime, Datelike, Utc};
 use super::{DoctorConfig, Finding};
 use crate::failure::chain;
 
-/// File systems on other machines; `IN_MEMORY` has those in memory.
+/// Network file systems; those in memory are in `IN_MEMORY`.
 const NETWORK_FILE_SYSTEMS: [&str; 9] = [
     "nfs",
     "nfs4",
@@ -27,7 +27,7 @@ const LOW_SPACE: u64 = 2_000_000_000;
 /// Free space below this is an error, bytes.
 const CRITICAL_SPACE: u64 = 200_000_000;
 
-/// A machine: its files below a root, the user, and the user's permissions.
+/// A machine: the root of its files, the user, and the user's groups.
 #[derive(Debug)]
 pub(super) struct Machine {
     root: PathBuf,
@@ -87,7 +87,7 @@ impl Machine {
         std::fs::read_to_string(self.path(absolute)).unwrap_or_default()
     }
 
-    /// Id of a name in `/etc/passwd` or `/etc/group`, and the last field of its line.
+    /// The id of a name in `/etc/passwd` or `/etc/group`, and the last field of its line.
     fn named(&self, file: &str, name: &str) -> Option<(u32, String)> {
         let text = self.text(file);
         let line = text
@@ -107,7 +107,7 @@ impl Machine {
             .map_or_else(|| id.to_string(), str::to_owned)
     }
 
-    /// Checks the current user, and the daemon's own user.
+    /// Checks the current user and the daemon's own user.
     pub(super) fn users(&self, wanted: &DoctorConfig) -> Vec<Finding> {
         let me = self.name("etc/passwd", self.user);
         let mut findings = Vec::new();
@@ -225,7 +225,7 @@ impl Machine {
         names
     }
 
-    /// Checks the files of an installation besides the programs.
+    /// Checks the installed files other than the programs.
     pub(super) fn installed(&self, wanted: &DoctorConfig) -> Vec<Finding> {
         let mut findings = Vec::new();
         if wanted.bus.system {
@@ -279,7 +279,7 @@ impl Machine {
         findings
     }
 
-    /// Checks that the wall clock is good enough for time stamps.
+    /// Checks whether the wall clock is good enough for time stamps.
     pub(super) fn clock(&self, now: DateTime<Utc>) -> Vec<Finding> {
         let mut findings = Vec::new();
         if !(2025..2100).contains(&now.year()) {
@@ -302,7 +302,7 @@ impl Machine {
             .and_then(|seconds| seconds.trim().parse::<f64>().ok());
         if let (Some(up), Some(since)) = (up, since) {
             let off = now.timestamp() as f64 - (since + up);
-            // both are in whole seconds and queried one after the other
+            // a tolerance of 60 s, because both are in whole seconds and queried one after the other
             if off.abs() > 60.0 {
                 let text = format!("wall clock and time since the boot disagree by {off:.0} s");
                 let advice = "the clock was set after the boot, or a container has another clock; frames have both times";
@@ -368,7 +368,7 @@ impl Machine {
         findings
     }
 
-    /// The kind of the file system that a path is on.
+    /// The type of the file system on which a path is.
     fn file_system(&self, path: &Path) -> Option<String> {
         let path = std::path::absolute(path).ok()?;
         let text = self.text("proc/mounts");

@@ -3,7 +3,7 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use super::super::CheckResult;
 use super::*;
 
-/// A simulated machine: an ordinary user 1000 (ada) and the daemon's own.
+/// A simulated machine with an ordinary user 1000 (ada) and the daemon's own user.
 fn machine(root: &Path, groups: &[u32]) -> Machine {
     let write = |name: &str, text: &str| {
         let path = root.join(name);
@@ -76,7 +76,7 @@ fn permitted_users_are_reported() {
     let findings = bob.users(&DoctorConfig::default());
     assert_eq!(findings[0].verdict, CheckResult::Warn, "{findings:?}");
     assert!(findings[0].advice.as_ref().unwrap().contains("log out"));
-    // a serial port needs the daemon in dialout
+    // for a serial port the daemon must be in the group dialout
     let serial = wanting("[switch]\naddress = \"serial:/dev/ttyUSB0@9600\"\n");
     let findings = bob.users(&serial);
     assert_eq!(findings[1].verdict, CheckResult::Bad, "{findings:?}");
@@ -239,7 +239,7 @@ fn a_configuration_is_read_for_what_concerns_the_machine() {
     .unwrap();
     let read = wanted(&file).unwrap();
     assert_eq!(read.record.directory, Some(folder.path().join("state")));
-    // by a path relative to the current folder, as on a command line
+    // with a path relative to the current folder, as on a command line
     let here = std::env::current_dir().unwrap();
     let up: PathBuf = here.components().skip(1).map(|_| "..").collect();
     let read = wanted(&up.join(file.strip_prefix("/").unwrap())).unwrap();

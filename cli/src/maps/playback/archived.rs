@@ -18,10 +18,10 @@ pub(super) struct ArchivedSheets {
 }
 
 impl ArchivedSheets {
-    /// Reads the configuration; connects to nothing.
+    /// Reads the configuration; does not connect.
     ///
     /// # Errors
-    /// A wrong configuration.
+    /// The configuration is invalid.
     pub(super) fn open(global: &Global) -> Result<Self, Failure> {
         Ok(Self {
             global: global.clone(),

@@ -1,4 +1,5 @@
-//! Follows the baseline of a recorded session once, in the background: states to start from, quantities, time without relief.
+//! Tracks the baseline of a recorded session once, in the background. Keeps states to start from, quantities, and times
+//! without relief.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,36 +19,36 @@ use crate::options::choices::TrackedArguments;
 
 /// States of the tracked baseline that are kept: 0.4 MB each for 26 electrodes.
 const STATES: usize = 64;
-/// Most frames of which a map is made.
+/// Most frames for which a map is made.
 const MAPS: usize = 5000;
 /// Maps of the time without relief that are kept.
 const UNRELIEVED: usize = 256;
 
-/// What is known of a session so far.
+/// The results for a session so far.
 #[derive(Default)]
 pub(super) struct Known {
     /// Frames of the session.
     total: usize,
-    /// Frames that were followed.
+    /// Number of frames that were tracked.
     done: usize,
-    /// Number of the first frame that was not followed yet.
+    /// Number of the first frame that was not tracked yet.
     next: u64,
-    /// The tracked baseline before some frames, the oldest first; empty where it is not followed.
+    /// The tracked baseline before some frames, the oldest first; empty if the baseline is not tracked.
     states: Vec<Follower>,
-    /// Rows of [`STORED_S`].
+    /// Rows with spans of [`STORED_S`].
     rows: Vec<QuantityRow>,
-    /// Where the rows are from.
+    /// The source of the rows.
     source: String,
     /// Number of a frame and the time without relief of each triangle after it, s.
     unrelieved: Vec<(u64, Arc<[f32]>)>,
-    /// Why there is no time without relief.
+    /// Why the times without relief are unknown.
     no_unrelieved: Option<String>,
     failed: Option<String>,
     ended: bool,
 }
 
 impl Known {
-    /// Share of the frames that were followed.
+    /// Share of the frames that were tracked.
     pub(super) fn progress(&self) -> f64 {
         match self.ended {
             true => 1.0,
@@ -63,7 +64,7 @@ impl Known {
         (&self.rows, &self.source)
     }
 
-    /// The last state before a frame.
+    /// The last state before a frame; `None` without one.
     pub(super) fn state(&self, sequence: u64) -> Option<&Follower> {
         let before = self
             .states
@@ -71,7 +72,7 @@ impl Known {
         before.checked_sub(1).map(|last| &self.states[last])
     }
 
-    /// Whether all frames before this one were followed, and why they never will be.
+    /// An error unless all frames before this one were tracked: that they are not yet, or why they never will be.
     pub(super) fn reaches(&self, sequence: u64) -> Result<(), String> {
         if self.ended || self.next >= sequence {
             return Ok(());
@@ -85,7 +86,7 @@ impl Known {
         }
     }
 
-    /// The time without relief after the last frame up to this one, and the number of that frame.
+    /// The times without relief after the last frame with a map up to this one, and the number of that frame.
     pub(super) fn unrelieved(&self, sequence: u64) -> Result<(u64, Arc<[f32]>), String> {
         if let Some(why) = &self.no_unrelieved {
             return Err(why.clone());
@@ -99,7 +100,7 @@ impl Known {
     }
 }
 
-/// A session that is followed in the background until this is dropped.
+/// A session that is tracked in the background until this is dropped.
 pub(super) struct Followed {
     shared: Arc<Shared>,
 }
@@ -116,7 +117,7 @@ impl Shared {
 }
 
 impl Followed {
-    /// Starts to follow a session. `reconstruction`: of the maps that quantities are computed from.
+    /// Starts to track a session. `reconstruction`: makes the maps of which quantities are computed.
     pub(super) fn start(path: &Path, reconstruction: Arc<Reconstruction>) -> Self {
         let shared = Arc::new(Shared {
             known: Mutex::default(),
@@ -172,7 +173,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
     }
     let mut rows = Rows::new(STORED_S);
     let mut last_s: Option<f64> = None;
-    // whether the next frame that is known has its time without relief kept
+    // whether the times without relief of the next frame with a usable map are to be kept
     let mut is_due = false;
     for (index, frame) in recording.frames().filter_map(Result::ok).enumerate() {
         if shared.cancelled.load(Ordering::Relaxed) {
@@ -286,7 +287,7 @@ mod tests {
         path
     }
 
-    /// The state after following all frames of a session.
+    /// The results after tracking all frames of a session.
     fn followed(path: &Path) -> Known {
         let (_, reconstruction) = Reconstruction::of_session(path, &MapOptions::default()).unwrap();
         let shared = Shared {

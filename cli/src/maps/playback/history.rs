@@ -7,8 +7,8 @@ use imaging::quantities::{QuantityRow, STORED_S, joined, keep_newest_unit, store
 use logbook::SessionSummary;
 use web::History;
 
-/// Reads the rows of a region in `[from_s, to_s)`, s of the Unix epoch, in at most so many spans. Rows in another unit than the
-/// newest ones are left out and counted: they cannot stand on the same curve.
+/// Reads the rows of a region in `[from_s, to_s)`, s of the Unix epoch, and joins them to at most `spans` rows. Rows in
+/// another unit than the newest ones are left out and counted, because a curve has one unit.
 ///
 /// # Errors
 /// A sentence: a file cannot be read.
@@ -56,8 +56,8 @@ pub(super) fn history(
     })
 }
 
-/// Length of the spans, s, such that there are at most so many from the first to the last of these rows of [`STORED_S`], which
-/// need not be in the order of time: the clock may have been set back between them.
+/// Length of the spans, s, so that at most `spans` cover these rows of [`STORED_S`]. The rows need not be in the order
+/// of time, because the clock may have been set back between them.
 pub(super) fn span_of(rows: &[QuantityRow], spans: u32) -> u32 {
     let begins = rows.iter().map(|row| row.begin_s);
     let ends = begins.clone().min().zip(begins.max());
@@ -78,12 +78,12 @@ mod tests {
 
     use super::*;
 
-    /// A whole minute.
+    /// The begin of a minute.
     const BEGIN_S: i64 = 1_700_000_040;
     const DAY_S: i64 = 86_400;
     const YEAR_S: i64 = 365 * DAY_S;
 
-    /// A session with a row of load for each minute from `begin_s` on, of the sheet and of `region`.
+    /// A session with a row of load for each minute from `begin_s` on, for the sheet and for `region`.
     fn session(
         folder: &std::path::Path,
         (id, region): (&str, &str),
@@ -124,7 +124,7 @@ mod tests {
         }
     }
 
-    /// Begin, s after [`BEGIN_S`], smallest, mean and largest load, frames.
+    /// Begin (s after [`BEGIN_S`]), smallest, mean and largest load, and frames of each row.
     fn rows(history: &History) -> Vec<(i64, f64, f64, f64, u64)> {
         let each = history.rows.iter();
         each.map(|row| {
@@ -157,8 +157,8 @@ mod tests {
         // the newest first, and m2 in two parts
         let all = [last, second.clone(), second, first, other];
 
-        // one row a minute: a gap between two sessions, no row twice although m2 has two parts, and no row in another
-        // unit
+        // one row a minute, with a gap between the two sessions; no duplicate row, although m2 has two parts; and no
+        // row in another unit
         let hour = (BEGIN_S - 1200, BEGIN_S + 2400);
         let found = history(&all, hour, "sheet", 720).unwrap();
         assert_eq!((found.span_s, found.damaged, found.other_unit), (60, 0, 1));
@@ -176,7 +176,7 @@ mod tests {
         let short = history(&all, (BEGIN_S, BEGIN_S + 60), "sheet", 720).unwrap();
         assert_eq!(rows(&short), minutes[..1]);
 
-        // a year in at most 720 spans: two of them have frames, and contain all of the minutes
+        // a year in at most 720 spans: two of them have frames, and together they contain all minutes
         let year = (BEGIN_S - DAY_S, BEGIN_S + YEAR_S);
         let found = history(&all, year, "sheet", 720).unwrap();
         assert!((year.1 - year.0) <= 720 * i64::from(found.span_s));

@@ -24,14 +24,15 @@ pub(crate) struct RecordedSessions {
     global: Global,
     #[cfg(feature = "archive")]
     archive: Option<Arc<archived::ArchivedSheets>>,
-    /// Directories that were found once: that of the daemon cannot be asked for while it does not run.
+    /// Directories that were found once, because a daemon that does not run cannot be queried for its directory.
     places: Mutex<Vec<PathBuf>>,
-    /// What was left out of the list before, which was reported.
+    /// The omissions of the previous list, which were reported already.
     reported: Mutex<Vec<String>>,
 }
 
 impl RecordedSessions {
-    /// Looks for the directories now, so that those of a running daemon are known when it ends. Not from asynchronous code.
+    /// Looks up the directories now, so that the directory of a running daemon remains known after it ends. Must not be
+    /// called in asynchronous code.
     ///
     /// # Errors
     /// An invalid `--bus` address, or a wrong configuration of the archive.
@@ -59,8 +60,8 @@ impl RecordedSessions {
         Ok(places.clone())
     }
 
-    /// Parts of all measurements, the newest first; what cannot be read is left out, and a folder is an error if it is the only
-    /// one.
+    /// Parts of all measurements, the newest first. What cannot be read is left out; an unreadable folder is an error
+    /// if it is the only one.
     fn found(&self) -> Result<FoundSessions, String> {
         let places = self.places()?;
         let mut found = FoundSessions::default();
@@ -75,7 +76,7 @@ impl RecordedSessions {
             found.left_out.extend(unreadable);
             found.sessions.extend(listing.sessions);
         }
-        // once: the page asks for the sessions again and again
+        // each omission is reported once, because the page requests the sessions repeatedly
         let mut reported = self.reported.lock().unwrap_or_else(PoisonError::into_inner);
         for text in &found.left_out {
             if !reported.contains(text) {
@@ -90,7 +91,7 @@ impl RecordedSessions {
     }
 }
 
-/// What the directories hold.
+/// The content of the directories.
 #[derive(Default)]
 struct FoundSessions {
     sessions: Vec<SessionSummary>,
@@ -99,7 +100,7 @@ struct FoundSessions {
 }
 
 impl RecordedSessions {
-    /// The first part of a session, or the earliest that is still there.
+    /// The earliest part of a session that still exists.
     fn first_part(&self, id: &str) -> Result<Option<PathBuf>, String> {
         let found = self.found()?;
         let part = found
@@ -202,7 +203,7 @@ mod tests {
             panic!("{listed:?}");
         };
         assert!(left_out.contains("x.tactus is left out: "), "{left_out}");
-        // it was reported, and is again after it could be read
+        // it is reported once, and again after it was readable meanwhile
         assert_eq!(*recorded.reported.lock().unwrap(), listed.left_out);
         std::fs::remove_file(&file).unwrap();
         assert_eq!(recorded.list().unwrap(), SessionList::default());

@@ -1,4 +1,4 @@
-//! The running session, for maps that the live page makes beside those of the daemon.
+//! The running session, for maps that the live page makes in addition to those of the daemon.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -14,19 +14,19 @@ use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::TrackedArguments;
 
-/// A session that a daemon records now.
+/// A session that a daemon is recording.
 pub(super) struct RunningSession {
     path: PathBuf,
     is_fast: bool,
-    /// Built when the first map is asked for.
+    /// Built for the first requested map.
     model: OnceLock<Result<Built, String>>,
 }
 
-/// What its maps are made with.
+/// The inputs of its maps.
 struct Built {
     unloaded: Vec<Reading>,
     one_step: Reconstruction,
-    /// The baseline as it was followed when the session began; `None` where it is not followed.
+    /// The tracked baseline at the begin of the session; `None` if it is not tracked.
     begin: Option<Mutex<Follower>>,
 }
 
@@ -60,7 +60,7 @@ impl Built {
         })
     }
 
-    /// A frame with the baseline to compare it with.
+    /// A frame, and the baseline to compare it with.
     fn compare(&self, readings: &[Option<f64>]) -> (Vec<Reading>, Vec<Reading>) {
         let each = readings.iter().map(|reading| match reading {
             Some(volts) => Reading::Ok(Volts(*volts)),

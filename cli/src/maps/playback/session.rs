@@ -1,4 +1,4 @@
-//! An open session: its maps at any place, at once and exactly.
+//! An open session: quick and exact maps of any of its frames.
 
 use std::any::Any;
 use std::path::{Path, PathBuf};
@@ -31,17 +31,17 @@ pub(super) struct PlayedSession {
     overview: Overview,
     sheet: Sheet,
     quick: Mutex<Quick>,
-    /// Built when the first exact map is asked for.
+    /// Built for the first requested exact map.
     exact: Mutex<Option<Exact>>,
     followed: Followed,
-    /// What keeps the file while it is played.
+    /// Keeps the file in the cache while the session is played.
     _kept: Kept,
 }
 
-/// What keeps the file of a session, if it must be kept.
+/// A guard that keeps the file of a session in the cache, if it is in one.
 pub(super) type Kept = Option<Box<dyn Any + Send + Sync>>;
 
-/// A method that answers at once.
+/// A fast method.
 struct Quick {
     recording: Recording,
     reconstruction: Arc<Reconstruction>,
@@ -54,14 +54,14 @@ struct Exact {
     recording: Recording,
     reconstruction: Arc<Reconstruction>,
     quantifier: Quantifier,
-    /// The tracked baseline after the frame that was asked for last.
+    /// The tracked baseline after the frame that was requested last.
     follower: Option<Follower>,
-    /// Its number, and its baseline where that is followed.
+    /// Number of that frame, and its tracked baseline; `None` if it is not tracked.
     last: Option<(u64, Option<TrackedFrame>)>,
 }
 
 impl PlayedSession {
-    /// Opens a session and starts to follow its baseline; the page calls it by this id.
+    /// Opens a session and starts to track its baseline. `id`: the id that the page uses.
     pub(super) fn open(path: &Path, id: &str, kept: Kept) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
         let own = is_fast(&recording);
@@ -149,7 +149,7 @@ impl PlayedSession {
                 empty.insert(Exact::new(&self.path, Some(quick).filter(|_| own))?)
             }
         };
-        // a map and its deviations are of one frame
+        // a map and its deviations are requested for the same frame: reuse the tracked baseline
         let last = exact.last.take();
         let followed = match last.filter(|(of, _)| *of == frame.sequence) {
             Some((_, followed)) => followed,
@@ -170,7 +170,7 @@ impl PlayedSession {
             let method = exact.reconstruction.method();
             return Ok(values_of(frame, method, DEVIATION, values));
         }
-        // its course begins anew with each frame
+        // a copy for each frame, because quantities over time cannot be computed from single frames
         let mut quantifier = exact.quantifier.clone();
         let (quantities, made) =
             compared.quantities(&exact.reconstruction, &mut quantifier, frame.time_s(None))?;
@@ -186,7 +186,7 @@ impl PlayedSession {
     }
 
     fn unrelieved(&self, frame: &RecordedFrame) -> Result<PlayedMap, Failure> {
-        // unlocked before `quick` is locked: a quick map locks both in the other order
+        // this lock is released before `quick` is locked: a quick map locks both in the other order
         let known = self.followed.known().unrelieved(frame.sequence);
         let (of, values) = known.map_err(Failure::Busy)?;
         let quick = self.quick();
@@ -198,7 +198,7 @@ impl PlayedSession {
 }
 
 impl Exact {
-    /// `fast`: the reconstruction, where the session's own method is fast.
+    /// `fast`: the reconstruction, if the session's own method is fast.
     fn new(path: &Path, fast: Option<Arc<Reconstruction>>) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
         let is_fast = fast.is_some();
@@ -217,7 +217,8 @@ impl Exact {
         })
     }
 
-    /// The frame with its baseline, from this state or that of the last one; `None` where it is not followed.
+    /// The frame with its tracked baseline, starting from `start` or from the last frame's state, whichever is nearer;
+    /// `None` if the baseline is not tracked.
     fn follow(
         &mut self,
         start: Option<Follower>,
@@ -276,7 +277,7 @@ pub(super) fn is_fast(recording: &Recording) -> bool {
     header.model_hash.is_some() || (one_step && !header.config_toml.is_empty())
 }
 
-/// Reconstruction against a baseline that another place follows; `method`: in place of the session's own.
+/// A reconstruction that does not track the baseline itself. `method`: replaces the session's own method.
 pub(super) fn prepared(
     method: Option<Method>,
     recording: &Recording,
@@ -301,7 +302,7 @@ fn found(recording: &Recording, place: Place) -> Result<RecordedFrame, Failure> 
             let next = recording.frames_from(sequence).next().transpose()?;
             next.filter(|frame| frame.sequence == sequence)
         }
-        // a frame within this millisecond counts
+        // a frame within this millisecond is included
         Place::Time(ms) => {
             let end_us = ms.checked_mul(1000).and_then(|us| us.checked_add(999));
             match end_us.and_then(DateTime::from_timestamp_micros) {
@@ -330,7 +331,7 @@ fn shown(
     }
 }
 
-/// Values of a frame's triangles, and nothing else known of them.
+/// Values of a frame's triangles, without further results.
 fn values_of(
     frame: &RecordedFrame,
     method: &str,
@@ -350,7 +351,8 @@ fn values_of(
     }
 }
 
-/// The values of a map as a page shows them: pressure where it is calibrated, else losses, so that a load is positive.
+/// The values of a map as a page shows them: pressures with a calibration, otherwise losses, so that a load is
+/// positive.
 pub(super) fn shown_values(map: &Map, pressure: Option<&Pressure>) -> (LoadUnit, Vec<f32>) {
     match pressure {
         Some(pressure) => (
@@ -364,7 +366,7 @@ pub(super) fn shown_values(map: &Map, pressure: Option<&Pressure>) -> (LoadUnit,
     }
 }
 
-/// Without the quantities that need all frames before.
+/// Removes the quantities that depend on all frames before.
 fn without_course(mut quantities: FrameQuantities) -> FrameQuantities {
     for region in &mut quantities.regions {
         region.values = region.values.filter_map(|quantity, value| {
@@ -374,7 +376,7 @@ fn without_course(mut quantities: FrameQuantities) -> FrameQuantities {
                 Quantity::UnrelievedArea,
                 Quantity::Speed,
                 Quantity::Path,
-                // depends on which were there before
+                // the hot spots depend on the earlier ones
                 Quantity::HotSpots,
             ];
             (!of_course.contains(&quantity)).then_some(value)
@@ -400,7 +402,7 @@ fn overview(recording: &Recording) -> Result<Overview, Failure> {
         Origin::Session(header) => header.note.clone(),
         Origin::Folder(_) => String::new(),
     };
-    // a region that the daemon refused has no quantities, and is not drawn
+    // a region that the daemon refused has no quantities and is not drawn
     let (_, regions) = session_settings::of_quantities(&recording.origin)?;
     let regions = regions.iter().filter_map(RegionSettings::shape);
     Ok(Overview {

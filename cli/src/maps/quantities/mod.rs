@@ -27,7 +27,7 @@ use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::session_files;
 
-/// Computes the quantities of each frame and prints what was asked for.
+/// Computes the quantities of each frame and prints the requested ones.
 pub(crate) fn run(
     global: &Global,
     requested: &Quantities,
@@ -95,8 +95,8 @@ pub(crate) fn run(
     recording::check_undamaged(damaged.get(), &recording.name)
 }
 
-/// The rows stored with a session, joined to the requested spans, and the number of damaged lines; `None` where they do not
-/// answer what is asked.
+/// The rows stored with a session, joined to the requested spans, and the number of damaged lines; `None` if they are
+/// not sufficient for the request.
 fn stored_rows(
     global: &Global,
     requested: &Quantities,
@@ -152,8 +152,8 @@ fn print_stored(
     }
 }
 
-/// The rows stored with a session that are in the unit of the newest, and what is left out, as the end of a sentence; `None` if it
-/// has no rows.
+/// The rows stored with a session in the unit of the newest row, and a text on the omitted rows for the end of a
+/// sentence; `None` if the session has no rows.
 ///
 /// # Errors
 /// A file that cannot be read.
@@ -174,7 +174,7 @@ pub(crate) fn stored_in_one_unit(
     Ok(Some((rows, left_out)))
 }
 
-/// The names of the rows' regions, in their order.
+/// The names of the regions in the rows, in the order of their first occurrence.
 pub(crate) fn regions(rows: &[QuantityRow]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for row in rows {

@@ -1,4 +1,4 @@
-//! The lines of `tactus quantities`: as JSON, as CSV, and for people.
+//! The lines of `tactus quantities`: as JSON, as CSV, and as text.
 
 use std::io::Write;
 
@@ -16,7 +16,7 @@ use crate::output::time::utc;
 /// A line of `quantities --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct SpanLine<'a> {
-    /// `None` of frames without times.
+    /// `None` for frames without times.
     begin: Option<String>,
     region: &'a str,
     quantity: Quantity,
@@ -37,15 +37,15 @@ struct FrameLine {
     quantities: FrameQuantities,
 }
 
-/// Prints rows of spans, or frames, as they come.
+/// Prints rows of spans, or frames, as they are computed.
 pub(crate) struct Output<'a> {
     requested: &'a Quantities,
     rows: Rows,
-    /// Whether frames have times; without them all frames are one span, whose beginning is not known.
+    /// Whether frames have times. Without them all frames are one span with an unknown begin.
     has_times: bool,
-    /// Whether CSV has its heading.
+    /// Whether the heading of the CSV was printed.
     begun: bool,
-    /// The unit of the last heading for people: a calibration that came while the session was recorded changes it.
+    /// The unit in the last heading of the text output; a calibration that began during the session changes it.
     headed: Option<LoadUnit>,
     /// The last frame, for the summary.
     last: Option<FrameQuantities>,

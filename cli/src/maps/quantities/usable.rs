@@ -3,14 +3,15 @@
 use imaging::quantities::{FrameQuantities, Quantity, QuantityRow};
 use imaging::recorded::RecordedFrame;
 
-/// Why the map of a frame cannot be used, or why it has none; `None` where its quantities are known.
+/// Why the map of a frame cannot be used, or why it has none; `None` if its quantities are known.
 pub(crate) fn unusable(quantities: &FrameQuantities) -> Option<String> {
     let sheet = quantities.regions.first();
     let has_values = sheet.is_some_and(|sheet| sheet.values.get(Quantity::Load).is_some());
     (!has_values).then(|| quantities.reason.clone().unwrap_or_default())
 }
 
-/// Why no row that is stored with a session has a value, and what to do; `None` where one has. `left_out`: what the rows lack.
+/// Why no row that is stored with a session has a value, and what to do; `None` if one has. `left_out`: text on the
+/// omitted rows.
 pub(crate) fn none_stored(session: &str, rows: &[QuantityRow], left_out: &str) -> Option<String> {
     let has_values = rows.iter().any(|row| row.quantity != Quantity::Known);
     (!has_values).then(|| {
@@ -21,16 +22,16 @@ pub(crate) fn none_stored(session: &str, rows: &[QuantityRow], left_out: &str) -
     })
 }
 
-/// Looks for a map that can be used.
+/// Finds out whether a recording has a usable map.
 #[derive(Debug, Default)]
 pub(crate) struct UsableMaps {
     found: bool,
-    /// The first frame without one, and why.
+    /// The first frame without a usable map, and why it has none.
     without: Option<String>,
 }
 
 impl UsableMaps {
-    /// Takes the next frame.
+    /// Checks the next frame.
     pub(crate) fn take(&mut self, recorded: &RecordedFrame, quantities: &FrameQuantities) {
         match unusable(quantities) {
             None => self.found = true,
@@ -41,7 +42,7 @@ impl UsableMaps {
         }
     }
 
-    /// Why no frame of the recording has a map that can be used, and what to do; `None` where one has.
+    /// Why no frame of the recording has a usable map, and what to do; `None` if one has.
     pub(crate) fn none(&self, recording: &str) -> Option<String> {
         if self.found {
             return None;

@@ -1,4 +1,4 @@
-//! The request of `tactus quantities`: which regions and quantities, in which units, in which words.
+//! The request of `tactus quantities`: regions, quantities, units, and columns.
 
 use chrono::{DateTime, Utc};
 use imaging::quantities::{
@@ -9,7 +9,7 @@ use imaging::quantities::{
 use crate::args::Quantities;
 use crate::output::time::local;
 
-/// Width of a column for people.
+/// Width of a column of the text output.
 const WIDTH: usize = 18;
 
 /// What a column shows of a span.
@@ -19,7 +19,7 @@ enum Of {
     Largest,
 }
 
-/// Quantities of a line for people, where none are chosen.
+/// Default quantities of the text output.
 const SHOWN: [Quantity; 7] = [
     Quantity::Load,
     Quantity::Contact,
@@ -37,14 +37,14 @@ impl Quantities {
         })
     }
 
-    /// Whether something is asked that the stored rows do not answer.
+    /// Whether the request cannot be answered from the stored rows.
     pub(crate) fn recomputes(&self) -> bool {
         let source = &self.from;
         self.recompute
             || self.each_frame
             || source.baseline.is_some()
             || source.negate
-            // a session has its own frames: opening it refuses the file
+            // a session has frames of its own: opening it with another file is refused
             || source.frames.is_some()
             || source.from.is_some()
             || source.to.is_some()
@@ -59,7 +59,7 @@ impl Quantities {
         self.quantities.is_empty() || self.quantities.contains(&quantity)
     }
 
-    /// Whether a line for people shows it.
+    /// Whether the text output shows the quantity.
     fn shows(&self, quantity: Quantity) -> bool {
         match self.quantities.is_empty() {
             true => SHOWN.contains(&quantity),
@@ -96,7 +96,7 @@ impl Quantities {
             })
     }
 
-    /// Columns of the table for people: the quantity, and which of smallest, mean and largest.
+    /// Columns of the text output: the quantity, and whether its smallest, mean or largest value.
     fn columns(&self) -> Vec<(Quantity, Of)> {
         let of = |quantity: Quantity| match quantity {
             Quantity::Peak | Quantity::Ppi | Quantity::Dose | Quantity::Unrelieved => Of::Largest,
@@ -122,7 +122,8 @@ impl Quantities {
         text
     }
 
-    /// The rows of a span and region, and when it began, if known: means, and the largest of what is judged by its largest value.
+    /// The line of a span and region with its begin, if known: mean values, and the largest value of quantities that
+    /// are judged by it.
     pub(crate) fn table_row(&self, begin: Option<DateTime<Utc>>, rows: &[&QuantityRow]) -> String {
         let Some(first) = rows.first() else {
             return String::new();

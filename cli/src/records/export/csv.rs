@@ -1,4 +1,4 @@
-//! `tactus export --format csv`: a session as tables, with a case folder beside them.
+//! `tactus export --format csv`: a session as tables, with the files of a case folder next to them.
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -27,7 +27,7 @@ pub(super) fn tables(
         Written::table(what, path, frames, header).report(printer)
     };
     let existing = export.replacing.existing();
-    // a device or a pipe has no companion files
+    // no companion file can be written next to a device or a pipe
     let companions = (!outfile::is_stream(&export.out)).then(|| CompanionFiles::of(&export.out));
     let mut file = OutFile::create(&export.out, existing)?;
     file.put(frames_heading(header.protocol.len()).as_bytes())?;
@@ -62,7 +62,7 @@ pub(super) fn tables(
                 outfile::write(&companions.baseline, existing, table.as_bytes())?;
                 say(printer, "baseline", &companions.baseline, baseline.frames)?;
             }
-            // that of an earlier export is not the baseline of these frames
+            // the baseline of an earlier export is not that of these frames
             None => outfile::remove(&companions.baseline, existing)?,
         }
         case.finish()?;
@@ -94,7 +94,7 @@ impl CompanionFiles {
     }
 }
 
-/// Columns of the table of frames: summary values first, then the voltages. Files number electrodes from 0.
+/// Columns of the table of frames: summary values first, then the voltages. Electrodes count from 0 in files.
 fn frames_heading(readings: usize) -> String {
     let mut heading = String::from(
         "sequence,wall_utc,monotonic_s,duration_s,simulated,current_A,overloads,not_measured,compliance,missing",

@@ -19,15 +19,15 @@ use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::output::time::local;
 
-/// Pictures of a film whose interval is not named.
+/// Default number of pictures of a film.
 const USUAL: f64 = 600.0;
-/// Their maps are in memory until the scale of all is known: 30 kB each on the paper's sheet.
+/// Most pictures. Their maps are in memory until the common scale is known: 30 kB each on the paper's sheet.
 const MOST: usize = 3000;
-/// Duration of a picture, unless a speed asks for another one, s.
+/// Duration of a picture, s, unless `--every` and `--speed` determine another one.
 const EACH_S: f64 = 0.1;
-/// Shortest and longest duration of a picture, s: faster ones are skipped by viewers, longer ones have no place in the file.
+/// Shortest and longest duration of a picture, s: viewers skip shorter ones, and the format cannot store longer ones.
 const DURATIONS_S: [f64; 2] = [0.02, 60.0];
-/// How long a frame is shown at least if no other follows, s.
+/// Least time for which a frame is shown if no other follows, s.
 const HOLD_S: f64 = 60.0;
 
 /// Writes the film and reports its path.
@@ -42,7 +42,7 @@ pub(super) fn write(
     let plan = Plan::new(session, export)?;
     let (recording, reconstruction) = Reconstruction::of_session(path, &export.asked)?;
     let mut pictures = Pictures::new(&reconstruction, &export.asked.tracked, &recording)?;
-    // before the work: a file that cannot be written
+    // before the work, so that a file that cannot be written is reported first
     let mut file = OutFile::create(&export.out, export.replacing.existing())?;
     let (shots, damaged) = shots(
         &plan,
@@ -113,7 +113,7 @@ impl Plan {
     fn new(session: &SessionParts, export: &Export) -> Result<Self, Failure> {
         let first = super::first_frame(session)?.frame.wall;
         let mut last = first;
-        // the last readable frame; the wall clock may have been set back before it
+        // the last readable frame; the wall clock may have been set back before it, hence `max`
         for sequence in (session.header().first_sequence..=session.last_sequence()?).rev() {
             if let Ok(record) = session.frame(sequence) {
                 last = record.frame.wall.max(first);
@@ -141,7 +141,7 @@ impl Plan {
         let whole_s = 1e-6 * (last - first).num_microseconds().unwrap_or(i64::MAX) as f64;
         let between_frames = whole_s / (frames.max(2) - 1) as f64;
         let usual = (whole_s / (USUAL - 1.0)).max(between_frames);
-        // a session of one frame has one picture, whatever the interval
+        // a session of one frame has one picture for any interval
         let least = |interval: f64| if interval > 0.0 { interval } else { EACH_S };
         let (every_s, each_s) = match (every_s, speed) {
             (Some(every_s), Some(speed)) => (every_s, every_s / speed),
@@ -156,7 +156,7 @@ impl Plan {
                 DURATIONS_S[0], DURATIONS_S[1]
             ));
         }
-        // a millionth: the last frame is not lost to rounding
+        // a millionth is added, so that rounding does not lose the last frame
         let count = (whole_s / every_s + 1e-6).floor() + 1.0;
         if count > MOST as f64 {
             return Err(format!(
@@ -191,7 +191,7 @@ struct Shot {
     shows_frame: bool,
 }
 
-/// The maps of all pictures: at each instant that of the newest frame.
+/// The maps of all pictures: at each instant the map of the newest frame.
 fn shots(
     plan: &Plan,
     recording: &Recording,
@@ -262,7 +262,7 @@ fn shots(
     Ok((shots, damaged))
 }
 
-/// The map of a frame with its style; one that cannot be made is empty and gives the reason.
+/// The map of a frame with its style; if it cannot be made, an empty map with the reason.
 fn shot(
     frame: &RecordedFrame,
     pictures: &mut Pictures<'_>,

@@ -1,4 +1,4 @@
-//! The frame of an instant of a session.
+//! Finds the frame of an instant of a session.
 
 use std::time::Duration;
 
@@ -12,13 +12,13 @@ use crate::options::instant::{ANY_KIND, Instant};
 use crate::options::moment::Moment;
 use crate::output::time::local;
 
-/// How far a time may lie beside the frames: times are often written to the minute.
+/// Largest distance of a time from the frames: times are often written to the minute.
 const BESIDE: Duration = Duration::from_secs(60);
 
-/// The number of the last frame that had begun at this instant; of the first frame, if none had.
+/// The number of the last frame that had begun at this instant, or of the first frame if none had.
 ///
 /// # Errors
-/// No such event; a time beside the session; a session without frames.
+/// No such event; a time outside of the session; a session without frames.
 pub(super) fn frame_at(session: &SessionParts, instant: &Instant) -> Result<u64, Failure> {
     let first = super::first_frame(session)?.frame;
     let (at, within) = match instant {

@@ -44,14 +44,14 @@ struct Written {
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
     quality: Option<MapQuality>,
-    /// For a film: pictures, time between them in the session, and how many times faster it runs.
+    /// For a film: number of pictures, time between them in the session, and speed relative to the session.
     pictures: Option<usize>,
     every_s: Option<f64>,
     speed: Option<f64>,
 }
 
 impl Written {
-    /// A file that is no picture.
+    /// The result for a file that is not a picture.
     fn table(what: &'static str, path: &Path, frames: usize, header: &SessionHeader) -> Self {
         Self {
             what,
@@ -98,7 +98,7 @@ pub(crate) fn run(
     }
 }
 
-/// Refuses options that the format would ignore.
+/// Refuses options that have no effect with the format.
 fn check_options(export: &Export) -> Result<(), Failure> {
     let format = export.format;
     let one_map = format.is_picture();
@@ -188,7 +188,7 @@ fn check_comparable(session: &SessionParts) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Hands each readable frame on, with progress, and returns how many damaged ones were left out; each of those is named.
+/// Passes each readable frame on, with progress; returns the number of damaged frames, each of which is named.
 fn each_frame(
     session: &SessionParts,
     on_terminal: bool,
@@ -210,12 +210,12 @@ fn each_frame(
     Ok(damaged)
 }
 
-/// The failure of a file from which damaged frames are missing.
+/// The failure of an export without the damaged frames.
 fn check_undamaged(damaged: usize, header: &SessionHeader) -> Result<(), Failure> {
     crate::maps::recording::check_undamaged(damaged, &format!("session {}", header.id))
 }
 
-/// Notes that the frames up to `last` are exported, unless some are damaged; `sessions prune --exported-only` relies on it.
+/// Marks the frames up to `last` as exported, unless some are damaged; `sessions prune --exported-only` uses the mark.
 fn finish(
     session: &SessionParts,
     damaged: usize,
@@ -223,13 +223,13 @@ fn finish(
     export: &Export,
 ) -> Result<(), Failure> {
     check_undamaged(damaged, session.header())?;
-    // output to a device or a pipe may not be stored
+    // output to a device or a pipe may not be stored anywhere
     if outfile::is_stream(&export.out) {
         return Ok(());
     }
     for part in session.each() {
         let own = part.last_sequence()?;
-        // frames that a running session has recorded since then were not exported
+        // frames that a running session has recorded meanwhile were not exported
         crate::records::maintenance::mark(part, own.min(last), export);
     }
     Ok(())
@@ -250,7 +250,7 @@ fn seconds(record: &Record) -> f64 {
     record.frame.wall.timestamp_micros() as f64 / 1e6
 }
 
-/// The voltage, or NaN where the reading is missing.
+/// The voltage; NaN for a missing reading.
 fn volts(reading: &Reading) -> f64 {
     reading.volts().map_or(f64::NAN, |volts| volts.0)
 }

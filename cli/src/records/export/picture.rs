@@ -15,7 +15,7 @@ use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::Format;
 use crate::output::Printer;
 
-/// Pixels along each side of a raster, unless others are given.
+/// Default number of pixels along each side of a raster.
 const PIXELS: usize = 32;
 
 /// Writes the picture and reports its path.

@@ -7,7 +7,7 @@ use render::{Course, CourseLine};
 use super::{Facts, MapFacts};
 use crate::failure::Failure;
 
-/// The quantities that are drawn.
+/// The charted quantities.
 const CHARTS: [Quantity; 6] = [
     Quantity::Load,
     Quantity::Ppi,
@@ -16,13 +16,13 @@ const CHARTS: [Quantity; 6] = [
     Quantity::Dose,
     Quantity::Known,
 ];
-/// Regions that are drawn: more lines cannot be told apart.
+/// Most regions in a chart: more lines cannot be distinguished.
 const LINES: usize = 6;
-/// Distances of labelled times, s.
+/// Possible distances of labelled times, s.
 const TICKS: [i64; 14] = [
     10, 60, 300, 600, 1800, 3600, 7200, 10_800, 21_600, 43_200, 86_400, 172_800, 604_800, 2_592_000,
 ];
-/// Labels of an axis.
+/// Most labels of an axis.
 const LABELS: i64 = 9;
 
 /// An SVG for each quantity that has values.
@@ -49,7 +49,7 @@ pub(super) fn svgs(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<Vec<String>
                     .of_region(quantity, region)
                     .map(|row| {
                         let values = match quantity {
-                            // the share of frames, not 0 and 1
+                            // the share of frames, and not 0 and 1
                             Quantity::Known => [row.mean; 3],
                             _ => [row.min, row.mean, row.max],
                         };
@@ -59,7 +59,7 @@ pub(super) fn svgs(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<Vec<String>
                     .collect(),
             })
             .filter(|line| !line.points.is_empty())
-            // whether a map is known does not depend on the region
+            // whether a map is known does not depend on the region: one line
             .take(if quantity == Quantity::Known {
                 1
             } else {
@@ -97,7 +97,7 @@ fn gaps(facts: &Facts<'_>) -> Vec<[f64; 2]> {
     facts.verified.gaps.iter().filter_map(of).collect()
 }
 
-/// When alarms became active, s.
+/// Times at which alarms became active, s.
 fn alarms(facts: &Facts<'_>) -> Vec<f64> {
     facts
         .alarms()
@@ -105,7 +105,7 @@ fn alarms(facts: &Facts<'_>) -> Vec<f64> {
         .collect()
 }
 
-/// Round local times.
+/// Labelled times at round local times.
 fn ticks([first, last]: [f64; 2]) -> Vec<(f64, String)> {
     let span = (last - first).max(1.0) as i64;
     let every = TICKS

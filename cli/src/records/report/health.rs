@@ -1,18 +1,18 @@
-//! Frames by the quality of their readings.
+//! Counts of frames by the quality of their readings.
 
 use std::collections::BTreeMap;
 
 use imaging::recorded::SessionParts;
 use survey::Quality;
 
-/// How many frames have which fault.
+/// Number of frames with each fault.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Health {
-    /// Frames that can be read.
+    /// Number of readable frames.
     pub(super) frames: u64,
-    /// Those whose readings are all there, the source never in compliance, no check violated.
+    /// Number of frames without a missing reading, compliance of the source or a failed check.
     pub(super) sound: u64,
-    /// Frames by fault.
+    /// Number of frames by fault.
     pub(super) faults: BTreeMap<&'static str, u64>,
 }
 

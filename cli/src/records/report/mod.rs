@@ -39,13 +39,13 @@ struct Written {
     maps: usize,
 }
 
-/// All that the page shows.
+/// All data of the page.
 struct Facts<'a> {
     session: &'a SessionParts,
     verified: Verified,
     events: Vec<Event>,
     health: Health,
-    /// The reason where no maps can be made.
+    /// The results of the maps, or why no maps can be made.
     maps: Result<MapFacts<'a>, String>,
 }
 
@@ -57,14 +57,14 @@ impl Facts<'_> {
         events.filter(move |event| raised.contains(&event.kind.as_str()))
     }
 
-    /// How often an alarm could not be judged.
+    /// Number of times that an alarm could not be judged.
     fn not_judged(&self) -> usize {
         let events = self.events.iter();
         events.filter(|event| event.kind == "alarm-invalid").count()
     }
 }
 
-/// What the maps of a session show.
+/// The results of a session's maps.
 struct MapFacts<'a> {
     reconstruction: &'a Reconstruction,
     rows: SessionRows,
@@ -86,7 +86,8 @@ pub(crate) fn run(
     bar.finish_and_clear();
     let prepared = match Reconstruction::of_session(&path, &requested.asked) {
         Ok(prepared) => Ok(prepared),
-        // a page without maps is better than none; a wrong option is not a matter of the session
+        // a page without maps is better than none; but a wrong option is an error of the command line and not of the
+        // session
         Err(error @ (Failure::Usage(_) | Failure::Configuration(_)))
             if requested.asked.differ() =>
         {

@@ -17,23 +17,23 @@ use crate::options::duration::display_long;
 use crate::output::progress::progress;
 use crate::output::time::local;
 
-/// The quantities whose largest value is a worst moment.
+/// The quantities for whose largest value a moment is shown.
 const WORST: [Quantity; 3] = [Quantity::Ppi, Quantity::Load, Quantity::Unrelieved];
-/// Maps made to find the frame in its span.
+/// Most maps that are made to find the frame in its span.
 const MAPS: usize = 60;
 
 /// A moment with its map.
 pub(super) struct Moment {
-    /// What was largest, in words, with its value.
+    /// The quantity that was largest, with its value, as text.
     what: String,
-    /// Why the map is not known to be true.
+    /// Why the map is not reliable.
     doubt: Option<String>,
     pub(super) map: Map,
     pub(super) style: Style,
 }
 
 impl Moment {
-    /// Why it is shown, and why its map is not known to be true.
+    /// Why the moment is shown, and why its map is not reliable.
     pub(super) fn reason(&self) -> String {
         match &self.doubt {
             Some(doubt) => format!("{}; the map is not known to be true: {doubt}", self.what),
@@ -45,7 +45,7 @@ impl Moment {
 /// The worst moments.
 pub(super) struct Moments {
     pub(super) shown: Vec<Moment>,
-    /// How many of the frames that were looked at have no map for them, as a sentence; `None` where all have one.
+    /// How many of the examined frames have no usable map, as a sentence; `None` if all have one.
     pub(super) left_out: Option<String>,
 }
 
@@ -65,7 +65,7 @@ impl Search<'_> {
     }
 }
 
-/// The maps of the worst moments, in the order of [`WORST`]; one map for moments in one frame.
+/// The maps of the worst moments, in the order of [`WORST`]; moments in the same frame have one map.
 pub(super) fn worst(
     rows: &SessionRows,
     recording: &Recording,
@@ -132,7 +132,7 @@ pub(super) fn worst(
             .find(|region| region.name == SHEET);
         for index in wanted {
             let search = &mut searches[index];
-            // a time depends on all frames before: its largest value is that of the span's last frame
+            // the time without relief grows within the span: its largest value is that of the last frame
             let value = match search.row.quantity {
                 Quantity::Unrelieved => search.seen as f64,
                 quantity => match sheet.and_then(|sheet| sheet.values.get(quantity)) {
@@ -176,7 +176,7 @@ pub(super) fn worst(
     })
 }
 
-/// A quantity with its largest value.
+/// A quantity with its largest value, as text.
 fn words(row: &QuantityRow) -> String {
     let name = match row.quantity {
         Quantity::Unrelieved => row.quantity.words().to_owned(),
@@ -193,7 +193,7 @@ pub(super) fn value(row: &QuantityRow) -> String {
     }
 }
 
-/// When the span of a row began.
+/// The begin of the span of a row.
 pub(super) fn begin(row: &QuantityRow) -> String {
     DateTime::from_timestamp(row.begin_s, 0).map_or_else(String::new, local)
 }

@@ -1,4 +1,4 @@
-//! The page: text, tables, drawings; no script, no other file.
+//! The page: text, tables and drawings, without a script or another file.
 
 use imaging::quantities::Quantity;
 use render::{Grid, Scales};
@@ -7,7 +7,7 @@ use super::html::{escape, table};
 use super::{Facts, MapFacts, charts, sections};
 use crate::failure::Failure;
 
-/// Dark text on white, no meaning by colour alone; a page of paper is 180 mm wide.
+/// Dark text on white, and no information by colour alone; a printed page is 180 mm wide.
 const STYLE: &str = "
 @page { size: A4; margin: 14mm; }
 * { box-sizing: border-box; }
@@ -95,7 +95,7 @@ fn moments(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<String, Failure> {
     ))
 }
 
-/// Why no moment is shown.
+/// The reason why no moment is shown.
 fn no_moments(maps: &MapFacts<'_>) -> String {
     let rows = &maps.rows;
     if let Some(why) = &rows.no_map {

@@ -1,4 +1,4 @@
-//! The quantities of a session in spans of time: those stored with it, or of a selection of its frames.
+//! The quantities of a session in spans of time: the stored ones, or those of a selection of its frames.
 
 use std::path::Path;
 
@@ -13,9 +13,9 @@ use crate::maps::quantities::{self, usable};
 use crate::maps::reconstruction::Reconstruction;
 use crate::output::progress::progress;
 
-/// Spans of a chart.
+/// Most spans in a chart.
 const SPANS: u32 = 480;
-/// Maps made for a session without stored quantities.
+/// Most maps that are made for a session without stored quantities.
 const MAPS: usize = 1500;
 
 /// Rows of all regions and quantities.
@@ -23,9 +23,9 @@ pub(super) struct SessionRows {
     pub(super) rows: Vec<QuantityRow>,
     /// Length of a span, s.
     pub(super) span_s: u32,
-    /// Where the rows are from, as a sentence.
+    /// The source of the rows, as a sentence.
     pub(super) origin: String,
-    /// Why no frame has a map that can be used; `None` where one has.
+    /// Why no frame has a usable map; `None` if one has.
     pub(super) no_map: Option<String>,
 }
 
@@ -77,7 +77,7 @@ impl SessionRows {
         let whole = first.zip(last).map_or(0.0, |(first, last)| {
             (last - first).as_seconds_f64().max(0.0)
         });
-        // each span has a frame
+        // so that each span has a frame
         let span_s =
             span_s(whole.max(f64::from(STORED_S) * (every as f64 * whole / frames.max(1) as f64)));
         let mut follower = Follower::of(reconstruction, &requested.asked.tracked, recording)?;
@@ -103,7 +103,8 @@ impl SessionRows {
             });
             let (quantities, map) = match computed {
                 Ok(computed) => computed,
-                // a frame that cannot be followed, or whose map the calibration refuses; one without a map is `Ok` with `None`
+                // a frame that cannot be tracked, or whose map the calibration does not fit; a frame without a map is
+                // `Ok` with `None`
                 Err(Failure::Failed(why)) => {
                     let without = FrameQuantities {
                         reason: Some(why),
@@ -149,26 +150,26 @@ impl SessionRows {
             .filter(move |row| row.quantity == quantity && row.region == region)
     }
 
-    /// Frames that have a value of a quantity.
+    /// Number of frames that have a value of a quantity.
     pub(super) fn frames(&self, quantity: Quantity) -> u64 {
         let rows = self.of_region(quantity, SHEET);
         rows.map(|row| row.frames).sum()
     }
 
-    /// The span of the whole sheet with the largest value of a quantity; `None` where it is nowhere above zero.
+    /// The span of the whole sheet with the largest value of a quantity; `None` if no value is above zero.
     pub(super) fn worst(&self, quantity: Quantity) -> Option<&QuantityRow> {
         self.of_region(quantity, SHEET)
             .filter(|row| row.max > 0.0)
             .max_by(|a, b| a.max.total_cmp(&b.max))
     }
 
-    /// The names of the regions, in their order.
+    /// The names of the regions, in the order of the rows.
     pub(super) fn regions(&self) -> Vec<&str> {
         quantities::regions(&self.rows)
     }
 }
 
-/// Length of the spans of a session: whole minutes, at most [`SPANS`] of them.
+/// Length of the spans of a session, s: whole minutes, so that there are at most [`SPANS`].
 fn span_s(whole_s: f64) -> u32 {
     let minutes = (whole_s / f64::from(SPANS * STORED_S)).ceil().max(1.0);
     STORED_S.saturating_mul(minutes as u32)

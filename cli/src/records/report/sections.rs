@@ -11,10 +11,10 @@ use crate::options::duration::display_long;
 use crate::output::time::local;
 use crate::records::show;
 
-/// Events on the page; a month has more than anyone prints.
+/// Most events on the page; a month has more than is useful in print.
 const EVENTS: usize = 400;
 
-/// The answers to the first questions.
+/// Summary of the session.
 pub(super) fn summary(facts: &Facts<'_>) -> Result<String, Failure> {
     let mut rows: Vec<[String; 2]> = Vec::new();
     let mut push = |name: &str, text: String| rows.push([name.to_owned(), text]);
@@ -124,7 +124,7 @@ pub(super) fn events(facts: &Facts<'_>) -> String {
     if facts.events.is_empty() {
         return "<p>None.</p>".to_owned();
     }
-    // alarms first: a limit must not hide them
+    // alarms first, so that the limit does not hide them
     let mut shown: Vec<&Event> = facts
         .events
         .iter()
@@ -207,7 +207,7 @@ pub(super) fn health(facts: &Facts<'_>) -> String {
     html
 }
 
-/// Settings, instruments and origin, as `tactus sessions show` lists them.
+/// Settings, instruments and origin, as in the list of `tactus sessions show`.
 pub(super) fn provenance(facts: &Facts<'_>) -> Result<String, Failure> {
     let mut rows = show::entries(facts.session)?;
     let header = facts.session.header();

@@ -12,7 +12,7 @@ struct Watched {
     size: [u32; 2],
     /// Red, green and blue of the first picture.
     first: Vec<u8>,
-    /// Of each picture, ms.
+    /// Delay of each picture, ms.
     delays: Vec<u16>,
 }
 

@@ -14,7 +14,7 @@ const EXPORT: [&str; 6] = [
     "disc-tank",
 ];
 
-/// A row for each of the columns.
+/// The transposed matrix: one row for each of its columns.
 fn transposed(values: &[f64], columns: usize) -> Vec<f64> {
     let column = |at| values.iter().skip(at).step_by(columns).copied();
     (0..columns).flat_map(column).collect()
@@ -56,7 +56,7 @@ fn mat_has_the_bits_of_the_tables() {
     assert_eq!(read["session[0].note"].values, ["three frames"]);
     assert_eq!(read["session[0].simulated"].numbers(), [1.0]);
 
-    // every reading described by the stimulation patterns, compared with the baseline table
+    // every reading that the stimulation patterns describe is compared with the baseline table
     let mut readings = 0;
     for at in 0..16 {
         let field = |field: &str| &read[&format!("stim[{at}].{field}")];
@@ -147,7 +147,7 @@ fn mat_has_the_mesh_of_the_case_folder() {
     assert_eq!(read["conductance"].shape, [elements.len() / 3, 1]);
 }
 
-/// The script with functions of EIDORS' names that print what they are given.
+/// Runs the script with substitutes for the functions of EIDORS, which print their arguments.
 #[test]
 fn octave_loads_the_file_and_runs_the_script() {
     if !needs::program("OCTAVE", "octave") {
@@ -189,7 +189,7 @@ fn octave_loads_the_file_and_runs_the_script() {
     assert_eq!(lines[2..], ["0", "16 13 16", "1"], "{printed}");
 }
 
-/// The functions of EIDORS itself: `EIDORS_PATH` names its folder, the one with `startup.m`.
+/// Uses the functions of EIDORS itself: `EIDORS_PATH` is its folder with `startup.m`.
 #[test]
 fn eidors_solves_the_model_and_runs_the_script() {
     if !needs::program("OCTAVE", "octave") {

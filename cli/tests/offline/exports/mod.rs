@@ -15,7 +15,7 @@ use std::process::Command;
 
 use crate::scene::done;
 
-/// Packages that read the files; the newest versions of late 2026.
+/// Packages that read the files, in the newest versions of late 2026.
 const PACKAGES: [&str; 5] = [
     "numpy==2.4.6",
     "scipy==1.17.1",
@@ -28,7 +28,7 @@ fn python() -> Option<PathBuf> {
     needs::python(Path::new(env!("CARGO_TARGET_TMPDIR")), "exports", &PACKAGES)
 }
 
-/// An array that a script printed: shape, and the elements, the last dimension running fastest.
+/// An array that a script printed: shape and elements, the last dimension varying fastest.
 #[derive(Debug, Clone, PartialEq)]
 struct Array {
     shape: Vec<usize>,
@@ -43,7 +43,7 @@ impl Array {
             .collect()
     }
 
-    /// The numbers' bits, all NaN alike.
+    /// The bits of the numbers; every NaN has the same bits.
     fn bits(&self) -> Vec<u64> {
         bits(self.numbers())
     }
@@ -54,8 +54,8 @@ fn bits(numbers: impl IntoIterator<Item = f64>) -> Vec<u64> {
     numbers.into_iter().map(bits).collect()
 }
 
-/// Runs a script of this folder with a file, and returns the arrays that it printed: name, shape and elements, separated by
-/// tabulators.
+/// Runs a script of this folder with a file, and returns the arrays that it printed (name, shape and elements,
+/// separated by tabs).
 fn read(python: &Path, script: &str, file: &Path) -> BTreeMap<String, Array> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/offline/exports")
@@ -74,7 +74,7 @@ fn read(python: &Path, script: &str, file: &Path) -> BTreeMap<String, Array> {
     arrays.collect()
 }
 
-/// A table of `--format csv`: a row a line, cells as text.
+/// A table of `--format csv`, with cells as text.
 struct Cells {
     heading: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -102,7 +102,7 @@ impl Cells {
         self.column(name).into_iter().map(number).collect()
     }
 
-    /// Rows of numbers, from a column on.
+    /// The numbers of all rows, from a column on.
     fn block(&self, from: usize) -> Vec<f64> {
         let cells = self.rows.iter().flat_map(|row| &row[from..]);
         cells.map(|cell| number(cell)).collect()
@@ -128,5 +128,5 @@ fn tables(folder: &Path, session: &str) -> (Cells, Cells) {
     )
 }
 
-/// Columns of the table of frames in front of the voltages.
+/// Number of columns of the table of frames before the voltages.
 const BEFORE_VOLTAGES: usize = 10;

@@ -95,7 +95,7 @@ fn netcdf_maps_are_those_of_replay() {
     assert_eq!(read["map"].bits(), bits(maps.block(1)));
     let deviations = Cells::read(&folder.path().join("maps.sd.csv")).block(1);
     assert_eq!(read["map_sd"].bits(), bits(deviations.clone()));
-    // the first frame equals the baseline, so that no deviation is known; the second lacks a reading
+    // the first frame equals the baseline, so that its deviations are unknown; the second frame lacks a reading
     let known = |row: usize| {
         !deviations[row * count..][..count]
             .iter()

@@ -1,4 +1,4 @@
-//! What cannot be exported is refused by name, and leaves no file.
+//! An export that is impossible is refused with the reason, and leaves no file.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use crate::scene::{
     baseline_session, refused, session, session_without_baseline, session_without_readings,
 };
 
-/// The files of a folder beside the sessions, sorted.
+/// The files of a folder other than sessions, sorted.
 pub(super) fn left(folder: &Path) -> Vec<String> {
     let names = std::fs::read_dir(folder).unwrap();
     let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -126,7 +126,7 @@ fn requested_maps_of_which_none_is_made_are_a_failure() {
     let mark = folder.path().join("m20270115_1.exported.json");
     let mark = std::fs::read_to_string(mark).unwrap();
     assert!(mark.contains(r#""format":"nc""#), "{mark}");
-    // its readings are exported nevertheless
+    // the readings of this frame are exported nevertheless
     assert_eq!(left(folder.path()), ["m20270115_1.exported.json", "out.nc"]);
 }
 

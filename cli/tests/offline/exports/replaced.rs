@@ -25,7 +25,7 @@ fn an_export_over_another_keeps_nothing_of_it() {
     for name in names.clone() {
         assert!(files.iter().any(|file| file == name), "{name}");
     }
-    // it has no baseline, and no configuration that names a mesh
+    // the session has no baseline, and no configuration that names a mesh
     let files = export("bare");
     for name in names {
         assert!(!files.iter().any(|file| file == name), "{name}");

@@ -10,7 +10,7 @@ use crate::control::top::dashboard::Dashboard;
 use crate::control::top::history::CHARTED;
 use crate::control::top::panels::titled;
 
-/// Height of a bar in steps: eight to a row, of at most so many rows.
+/// Height of the highest bar in steps: eight for each of at most 100 rows.
 const STEPS: f64 = 8.0 * 100.0;
 
 pub(crate) fn draw(
@@ -52,7 +52,7 @@ pub(crate) fn draw(
     }
 }
 
-/// Heights of bars. Zero is the lowest bar, so that it differs from a span without a value.
+/// Heights of bars. Zero has the lowest bar, to distinguish it from a span without a value.
 fn bars(values: &[Option<f64>], most: f64, rows: u16) -> Vec<Option<u64>> {
     let least = STEPS / (8.0 * f64::from(rows.max(1)));
     let bar = |value: f64| {

@@ -76,7 +76,7 @@ fn without_map(shown: &Dashboard) -> String {
     }
 }
 
-/// Why the map cannot be believed, or shows nothing.
+/// Why the map is not reliable, or that nothing in it is above its noise.
 fn doubt(shown: &Dashboard, picture: &Picture) -> Option<String> {
     let tracked = picture.tracked.as_ref().filter(|tracked| !tracked.known);
     if let Some(reason) = tracked.and_then(|tracked| tracked.reason) {
@@ -100,7 +100,7 @@ fn nothing_above(shown: &Dashboard, picture: &Picture) -> Option<f64> {
     Some(noise).filter(|noise| loss <= *noise)
 }
 
-/// The map, with a row for its scale.
+/// The map and its scale, which takes one row.
 fn cells(
     shown: &Dashboard,
     picture: &Picture,

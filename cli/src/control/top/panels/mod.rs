@@ -12,7 +12,7 @@ use ratatui::text::Span;
 use ratatui::widgets::{Block, Borders};
 use render::TerminalColour;
 
-/// Draws the line above a panel and returns what lies below.
+/// Draws the title line of a panel and returns the area below it.
 pub(super) fn titled(frame: &mut Frame<'_>, area: Rect, title: &str) -> Rect {
     let block = Block::new()
         .borders(Borders::TOP)
@@ -22,7 +22,7 @@ pub(super) fn titled(frame: &mut Frame<'_>, area: Rect, title: &str) -> Rect {
     inner
 }
 
-/// The colours of a warning that cannot be missed, also without colours.
+/// The style of a conspicuous warning, on terminals without colours too.
 pub(super) fn warning(colour: TerminalColour) -> Style {
     match colour {
         TerminalColour::Plain => Style::new().add_modifier(Modifier::BOLD | Modifier::REVERSED),

@@ -43,7 +43,7 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
                 .iter()
                 .map(|lost| warned(&format!("reconnecting: {lost}"))),
         );
-        // before what a small terminal has no room for
+        // before the lines that a small terminal has no room for
         let remark = remark_on_baseline(&daemon.baseline_remarks);
         lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
         if let Some(session) = &shown.seen.session {
@@ -111,7 +111,7 @@ pub(crate) fn events(
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
 }
 
-/// An alarm on one line; one that notifies stands out.
+/// An alarm on one line; an alarm that notifies is highlighted.
 fn of_alarm(alarm: &Alarm, shown: &Dashboard) -> Line<'static> {
     let why = match (alarm.active, &alarm.invalid) {
         (false, Some(why)) => why.clone(),
@@ -133,12 +133,12 @@ fn of_alarm(alarm: &Alarm, shown: &Dashboard) -> Line<'static> {
     }
 }
 
-/// All alarms, over the other panels.
+/// Draws all alarms over the other panels.
 pub(crate) fn alarms(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     let alarms = &shown.seen.alarms;
     let chosen = shown.chosen.min(alarms.len().saturating_sub(1));
     let mut lines: Vec<Line<'static>> = Vec::new();
-    // those before the chosen one leave it room to be seen
+    // starts four alarms before the selected one, so that it is visible
     for (index, alarm) in alarms.iter().enumerate().skip(chosen.saturating_sub(4)) {
         let mark = if index == chosen { "> " } else { "  " };
         let mut line = of_alarm(alarm, shown);

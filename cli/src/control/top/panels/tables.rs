@@ -14,11 +14,11 @@ use crate::control::top::dashboard::Dashboard;
 use crate::control::top::panels::titled;
 use crate::options::duration::display_long;
 
-/// Columns of the names of quantities.
+/// Width of the column of quantities' names.
 const NAME: usize = 15;
-/// Columns of a region's values.
+/// Width of the column of a region's values.
 const VALUE: usize = 10;
-/// Columns of units, with the space before them.
+/// Width of the column of units, with the space before it.
 const UNIT: usize = 14;
 
 pub(crate) fn quantities(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
@@ -60,7 +60,7 @@ pub(crate) fn quantities(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-/// A value with its standard deviation by noise, or `-` where it is not known.
+/// A value with its standard deviation due to noise; `-` if it is unknown.
 fn value(region: &RegionQuantities, quantity: Quantity) -> String {
     let Some(value) = region.values.get(quantity) else {
         return "-".to_owned();
@@ -72,7 +72,7 @@ fn value(region: &RegionQuantities, quantity: Quantity) -> String {
         rounded(value)
     };
     let both = region.deviations.get(quantity).map(|deviation| {
-        // as many decimals as the value, where that leaves a digit
+        // as many decimals as the value has, if the deviation then has a significant digit
         let decimals = text.split_once('.').map_or(0, |(_, after)| after.len());
         let alike = format!("{deviation:.decimals$}");
         match alike.bytes().any(|digit| matches!(digit, b'1'..=b'9')) {
@@ -106,7 +106,7 @@ pub(crate) fn hot_spots(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-/// One line of at most `columns`, if it can be: with the place's 95 % region where that fits.
+/// A hot spot on one line of at most `columns` if possible; with the 95 % region of its position if that fits.
 fn hot_spot(seen: &FrameQuantities, spot: &SpotTrack, columns: usize) -> String {
     let [x, y] = spot.centre_mm;
     let peak = match seen.unit {

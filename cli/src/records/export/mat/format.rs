@@ -1,5 +1,5 @@
-//! Writes MATLAB's MAT-files, version 5 with deflated variables (what MATLAB saves as `-v7`): numbers, text, arrays of
-//! structures, sparse matrices. Little-endian; the layout is that of MathWorks' "MAT-File Format".
+//! Writes MATLAB's MAT-files of version 5 with deflated variables (as MATLAB saves with `-v7`): numbers, text, arrays
+//! of structures, sparse matrices. Little-endian. The layout is described in MathWorks' "MAT-File Format".
 
 use std::io::Write;
 
@@ -25,9 +25,9 @@ mod class {
     pub(super) const DOUBLE: u32 = 6;
 }
 
-/// Most bytes of one variable before deflating: MATLAB reads no more from this version of the format.
+/// Most bytes of one variable before deflating: MATLAB reads no larger ones in this version of the format.
 pub(super) const MOST_BYTES: u64 = (1 << 31) - 1;
-/// Bytes of a field's name with its end.
+/// Bytes of a field's name including its terminator.
 const FIELD: usize = 32;
 
 /// A variable.
@@ -46,7 +46,7 @@ pub(super) enum Value {
         fields: Vec<&'static str>,
         elements: Vec<Vec<Value>>,
     },
-    /// A sparse matrix: entries as (row, column, value), in any order, each place once.
+    /// A sparse matrix: entries as (row, column, value), in any order, each position at most once.
     Sparse {
         rows: usize,
         columns: usize,
@@ -172,7 +172,7 @@ impl Value {
     }
 }
 
-/// The beginning of a file.
+/// The header of a file.
 pub(super) fn head(text: &str) -> Vec<u8> {
     let mut head = vec![b' '; 116];
     let text = text.bytes().filter(u8::is_ascii).take(116);
@@ -185,7 +185,7 @@ pub(super) fn head(text: &str) -> Vec<u8> {
     head
 }
 
-/// A variable of a file, deflated; `None` if it is larger than the format allows.
+/// A deflated variable of a file; `None` if it is larger than the format allows.
 pub(super) fn variable(name: &str, value: &Value) -> std::io::Result<Option<Vec<u8>>> {
     if value.bytes(name) > MOST_BYTES {
         return Ok(None);
@@ -199,7 +199,7 @@ pub(super) fn variable(name: &str, value: &Value) -> std::io::Result<Option<Vec<
     Ok(Some(bytes))
 }
 
-/// The format counts in 32 bits; [`MOST_BYTES`] keeps every count below.
+/// A count in 32 bits, as the format requires; [`MOST_BYTES`] keeps every count below that.
 fn count(number: usize) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
 }
@@ -217,7 +217,7 @@ fn tag(to: &mut impl Write, kind: u32, bytes: u64) -> std::io::Result<()> {
     to.write_all(&u32::try_from(bytes).unwrap_or(u32::MAX).to_le_bytes())
 }
 
-/// At most four bytes lie in the tag itself.
+/// Writes an element; a content of at most four bytes is put into the tag.
 fn put_element(to: &mut impl Write, kind: u32, bytes: &[u8]) -> std::io::Result<()> {
     if (1..=4).contains(&bytes.len()) {
         to.write_all(&(count(bytes.len()) << 16 | kind).to_le_bytes())?;

@@ -25,12 +25,12 @@ use format::{MOST_BYTES, Value};
 struct Frames {
     sequences: Vec<f64>,
     times: Vec<f64>,
-    /// Frame after frame.
+    /// The voltages of one frame after the other.
     voltages: Vec<f64>,
     damaged: usize,
 }
 
-/// Writes the file, and a script beside it, and reports their paths.
+/// Writes the file and, next to it, the script, and reports their paths.
 pub(super) fn write(
     session: &SessionParts,
     export: &Export,
@@ -122,7 +122,7 @@ fn read(session: &SessionParts, printer: &Printer<impl Write>) -> Result<Frames,
     Ok(frames)
 }
 
-/// Refuses a session that does not fit before hours of it are read.
+/// Refuses a session that is too large for the format before its frames are read, which may take hours.
 fn check_size(session: &SessionParts) -> Result<(), Failure> {
     let header = session.header();
     let bytes = 8 * header.protocol.len() as u64 * session.len()?;
@@ -142,7 +142,7 @@ fn too_large(header: &SessionHeader) -> Failure {
     ))
 }
 
-/// What the numbers are of.
+/// A structure with the origin of the data.
 fn about(header: &SessionHeader) -> Value {
     Value::structure(vec![
         ("id", Value::text(header.session())),
@@ -157,7 +157,7 @@ fn about(header: &SessionHeader) -> Value {
     ])
 }
 
-/// The stimulations as EIDORS' `mk_stim_patterns` makes them: one for each injection, in the order of the readings.
+/// The stimulations in the form of EIDORS' `mk_stim_patterns`: one for each injection, in the order of the readings.
 fn stimulations(protocol: &Protocol, current: Amps) -> Value {
     let electrodes = protocol.electrodes();
     let both = |dipole: Dipole| [(dipole.plus, 1.0), (dipole.minus, -1.0)];
@@ -240,7 +240,7 @@ fn matrix<T: Copy, const N: usize>(rows: &[[T; N]], value: impl Fn(T) -> f64) ->
     }
 }
 
-/// The script: the change of the last frame by EIDORS.
+/// The script, which reconstructs the change of the last frame with EIDORS.
 fn script_text(path: &Path, header: &SessionHeader) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     format!(

@@ -1,7 +1,7 @@
-//! The first part of a netCDF-3 file: dimensions, attributes, variables of a fixed size. Records follow it one by one.
+//! The header of a netCDF-3 file: dimensions, attributes, variables of a fixed size. The records follow it one by one.
 //!
-//! `netcdf3` writes this part. Its own writer of records keeps an entry in memory for every record and variable, and fills
-//! what was not written; months of frames are written here in the order of the file instead.
+//! `netcdf3` writes the header. Its own writer of records keeps an entry in memory for every record and variable, and
+//! fills those that were not written. Months of frames are therefore written here, in the order of the file.
 
 use std::cell::RefCell;
 use std::io::{Cursor, Seek, SeekFrom, Write};
@@ -12,7 +12,7 @@ use netcdf3::{DataSet, DataType, FileWriter, Version};
 
 use crate::failure::Failure;
 
-/// Where the number of records lies in the file: behind `CDF` and the version.
+/// Offset of the number of records in the file: after `CDF` and the version.
 pub(super) const RECORD_COUNT_AT: u64 = 4;
 
 /// Attributes of a variable that are text.
@@ -28,12 +28,12 @@ enum Values {
 pub(super) struct Layout {
     set: DataSet,
     fixed: Vec<(String, Values)>,
-    /// Values of the attributes of small whole numbers.
+    /// Values of the attributes that are lists of small integers.
     flags: Vec<Vec<i8>>,
 }
 
 impl Layout {
-    /// A file whose records are counted by a dimension of this name.
+    /// A file in which a dimension of this name counts the records.
     pub(super) fn new(records: &str) -> Result<Self, Failure> {
         let mut set = DataSet::new();
         set.set_unlimited_dim(records, 0).map_err(invalid)?;
@@ -48,7 +48,7 @@ impl Layout {
         self.set.add_fixed_dim(name, size).map_err(invalid)
     }
 
-    /// A text about the whole file; an empty one is left out.
+    /// Adds a text about the whole file; an empty one is omitted.
     pub(super) fn text(&mut self, name: &str, text: &str) -> Result<(), Failure> {
         match text.is_empty() {
             true => Ok(()),
@@ -85,7 +85,8 @@ impl Layout {
         Ok(())
     }
 
-    /// A variable; one whose first dimension counts records has its values in the records, in the order of definition.
+    /// Adds a variable. If its first dimension counts records, its values are in the records, in the order of
+    /// definition.
     pub(super) fn variable(
         &mut self,
         name: &str,
@@ -101,7 +102,7 @@ impl Layout {
         Ok(())
     }
 
-    /// An attribute of a variable of small whole numbers.
+    /// Adds an attribute that is a list of small integers to a variable.
     pub(super) fn flags(
         &mut self,
         variable: &str,
@@ -113,13 +114,13 @@ impl Layout {
         added.map_err(invalid)
     }
 
-    /// An attribute of a variable of whole numbers.
+    /// Adds an attribute that is an integer to a variable.
     pub(super) fn count(&mut self, variable: &str, name: &str, value: i32) -> Result<(), Failure> {
         let added = self.set.add_var_attr_i32(variable, name, vec![value]);
         added.map_err(invalid)
     }
 
-    /// The bytes in front of the records, for no records yet.
+    /// The bytes before the records, with a count of 0 records.
     pub(super) fn bytes(&self) -> Result<Vec<u8>, Failure> {
         let sink = Shared::default();
         let unwritten = |error: WriteError| {
@@ -146,8 +147,8 @@ impl Layout {
     }
 }
 
-/// Puts zeros behind an attribute of small whole numbers, up to a multiple of four bytes: netcdf3 0.6.1 writes its fill value there, and
-/// readers refuse that, its own too.
+/// Writes zeros after an attribute of small integers, up to a multiple of four bytes: netcdf3 0.6.1 writes its fill
+/// value there, and readers, including its own, refuse that.
 fn zero_padding(header: &mut [u8], values: &[i8]) {
     const BYTE: u32 = 1;
     let mut attribute = Vec::from(BYTE.to_be_bytes());
@@ -163,7 +164,8 @@ fn zero_padding(header: &mut [u8], values: &[i8]) {
     }
 }
 
-/// A record: the values of its variables in the order of definition, big-endian, each variable to a multiple of four bytes.
+/// A record: the values of its variables in the order of definition, big-endian, each padded to a multiple of four
+/// bytes.
 #[derive(Debug, Default)]
 pub(super) struct RecordBytes(Vec<u8>);
 
@@ -199,7 +201,7 @@ fn invalid(error: InvalidDataSet) -> Failure {
     ))
 }
 
-/// Bytes in memory that remain when the writer, which owns its output, is gone.
+/// Bytes in memory that remain after the writer, which owns its output, is dropped.
 #[derive(Debug, Clone, Default)]
 struct Shared(Rc<RefCell<Cursor<Vec<u8>>>>);
 

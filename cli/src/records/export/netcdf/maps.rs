@@ -12,7 +12,7 @@ use crate::maps::frame_maps::FrameMaps;
 use crate::maps::reconstruction::Reconstruction;
 use crate::output::complain;
 
-/// The variables that [`MapVariables::put`] writes into each record.
+/// Defines the variables that [`MapVariables::put`] writes into each record.
 pub(super) fn records(
     layout: &mut Layout,
     reconstruction: &Reconstruction,
@@ -45,7 +45,7 @@ fn map_variable(
     layout.variable(name, &["time", "triangle"], DataType::F64, &texts)
 }
 
-/// The mesh; its faces are the triangles of the region, which have a value in each map.
+/// Defines the mesh. Its faces are the triangles of the region, which have a value in each map.
 pub(super) fn mesh(layout: &mut Layout, mesh: &Mesh) -> Result<(), Failure> {
     layout.dimension("node", mesh.nodes().len())?;
     layout.dimension("triangle", mesh.region().len())?;
@@ -89,7 +89,7 @@ pub(super) fn mesh(layout: &mut Layout, mesh: &Mesh) -> Result<(), Failure> {
     )
 }
 
-/// The maps of the frames.
+/// Writes the maps of the frames.
 pub(super) struct MapVariables<'a> {
     maps: FrameMaps<'a>,
     calibrated: bool,
@@ -110,7 +110,7 @@ impl<'a> MapVariables<'a> {
         }
     }
 
-    /// Frames that have a map.
+    /// Number of frames that have a map.
     pub(super) fn made(&self) -> usize {
         self.made
     }
@@ -125,7 +125,7 @@ impl<'a> MapVariables<'a> {
         };
         let unknown = || std::iter::repeat_n(f64::NAN, self.triangles);
         let of_frame = self.maps.attempt(&frame)?;
-        // its voltages are exported all the same
+        // the voltages of a frame without a map are still exported
         let of_frame = of_frame
             .map_err(|why| {
                 complain(&format!(

@@ -97,7 +97,7 @@ pub(super) fn write(
     }
 }
 
-/// Everything in front of the records.
+/// Everything before the records.
 fn layout(
     session: &SessionParts,
     first: &Record,
@@ -209,8 +209,8 @@ fn layout(
     if let Some(reconstruction) = reconstruction {
         maps::mesh(&mut layout, reconstruction.mesh())?;
     }
-    // no `_FillValue`: readers take NaN as missing without it, and `netcdf3` compares attributes, where NaN differs from itself;
-    // the records: the order of `frame` and of `MapVariables::put`
+    // no `_FillValue`: readers take NaN as missing without it, and `netcdf3` compares attributes, where NaN differs
+    // from itself. The order of the variables of records is that of `frame` and of `MapVariables::put`
     layout.variable(
         "time",
         &["time"],
@@ -276,7 +276,7 @@ fn frame(bytes: &mut RecordBytes, record: &Record) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Counts of meshes and protocols are far below the limit.
+/// A count as the format stores it; those of meshes and protocols are far below the limit.
 fn number(count: usize) -> i32 {
     i32::try_from(count).unwrap_or(i32::MAX)
 }

@@ -9,7 +9,7 @@ use super::number;
 use crate::failure::Failure;
 use crate::output::complain;
 
-/// Three values of each quantity: its ending in a name, its meaning, and the value of a row.
+/// Three variables for each quantity: ending of the name, meaning, and the value of a row.
 type Of = fn(&QuantityRow) -> f64;
 const VALUES: [(&str, &str, Of); 3] = [
     ("min", "smallest value", |row| row.min),
@@ -17,7 +17,7 @@ const VALUES: [(&str, &str, Of); 3] = [
     ("max", "largest value", |row| row.max),
 ];
 
-/// Adds the stored rows of a session; nothing where it has none. Returns the number of damaged lines that were left out.
+/// Adds the stored rows of a session; nothing if it has none. Returns the number of damaged lines, which are left out.
 pub(super) fn quantities(
     layout: &mut Layout,
     folder: &Path,
@@ -32,7 +32,7 @@ pub(super) fn quantities(
     if keep_newest_unit(&mut rows) > 0 {
         complain("tactus: stored quantities in another unit than the newest are left out");
     }
-    // a minute that was written twice, by a daemon that was restarted within it, is one
+    // a minute has two rows if the daemon was restarted within it: they are joined
     let rows = joined(&rows, STORED_S);
     let regions = crate::maps::quantities::regions(&rows);
     let mut begins: Vec<i64> = rows.iter().map(|row| row.begin_s).collect();

@@ -18,10 +18,10 @@ use crate::failure::Failure;
 use crate::output::Printer;
 use table::{Column, Kind, Table};
 
-/// Frames of a group of rows: 20 MB in memory for 598 readings.
+/// Frames in a row group: 20 MB in memory for 598 readings.
 const GROUP: usize = 2048;
 
-/// Columns of frames in front of the voltages: those of the table of text, without what is the same in all rows.
+/// Columns of frames before the voltages: those of the CSV table, without those that are the same in all rows.
 const FRAME: [(&str, Kind); 7] = [
     ("sequence", Kind::Whole),
     ("wall_utc", Kind::Time),
@@ -36,7 +36,7 @@ const EVENT: [(&str, Kind); 3] = [
     ("kind", Kind::Text),
     ("text", Kind::Text),
 ];
-/// As `tactus quantities --csv`.
+/// Columns of quantities, as in `tactus quantities --csv`.
 const QUANTITY: [(&str, Kind); 9] = [
     ("begin_utc", Kind::Time),
     ("region", Kind::Text),
@@ -156,7 +156,7 @@ fn named(columns: &[(&str, Kind)]) -> Vec<(String, Kind)> {
         .collect()
 }
 
-/// What holds for the whole file.
+/// Metadata of the whole file.
 fn facts(header: &SessionHeader) -> [(&'static str, &str); 6] {
     let source = match header.simulated {
         true => "SIMULATED: voltages of a simulated sheet",

@@ -14,16 +14,16 @@ use outfile::OutFile;
 
 use crate::failure::Failure;
 
-/// What a column holds.
+/// Type of a column.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Kind {
-    /// Whole numbers.
+    /// Integers.
     Whole,
-    /// Instants: us since 1970-01-01 UTC, whole numbers.
+    /// Instants: us since 1970-01-01 UTC, integers.
     Time,
-    /// Numbers, or none.
+    /// Numbers, may be null.
     Real,
-    /// Text, or none.
+    /// Text, may be null.
     Text,
 }
 
@@ -40,7 +40,7 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// `facts`: names and values about the whole file; empty ones are left out.
+    /// `facts`: names and values of metadata; empty values are left out.
     pub(super) fn new(
         file: OutFile,
         columns: &[(String, Kind)],
@@ -66,7 +66,7 @@ impl Table {
         let properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
             .set_key_value_metadata(Some(facts.collect()))
-            // both are in memory until the end of the file, for each column of each group: 0.3 kB a frame
+            // both would be kept in memory until the end of the file, for each column of each group: 0.3 kB a frame
             .set_statistics_enabled(EnabledStatistics::None)
             .set_offset_index_disabled(true)
             .build();
@@ -76,7 +76,7 @@ impl Table {
         })
     }
 
-    /// Adds a group of rows: a value for each row and column. An empty group is left out.
+    /// Adds a row group: a value for each row and column. An empty group is left out.
     pub(super) fn put(&mut self, columns: &[Column]) -> Result<(), Failure> {
         if columns.first().is_none_or(Column::is_empty) {
             return Ok(());
@@ -120,7 +120,7 @@ impl Table {
         Ok(())
     }
 
-    /// Writes the end of the file, which gets its name.
+    /// Writes the end of the file and moves it to its path.
     pub(super) fn finish(self) -> Result<PathBuf, Failure> {
         Ok(self.writer.into_inner().map_err(failed)?.finish()?)
     }
@@ -136,7 +136,7 @@ impl Column {
     }
 }
 
-/// 1 where there is a value, 0 where there is none.
+/// Definition levels: 1 for a value, 0 for null.
 fn levels<T>(values: &[Option<T>]) -> Vec<i16> {
     values
         .iter()
