@@ -5,8 +5,8 @@
 //! invalid for an alarm that cannot be judged. Invalid does not mean that all is well: it never ends an active alarm,
 //! and an alarm that was not judged is never reported as [`Level::Ok`].
 //!
-//! Times are seconds of any clock that does not run backwards for long; they are stored with the state, so that it survives
-//! a restart.
+//! Times are seconds of any clock that does not run backwards for long. They are stored with the state, so that the
+//! state survives a restart.
 //!
 //! ```
 //! use alarms::{Alarms, Judgement, Level, Order, Rule, Severity, TransitionKind};
@@ -100,8 +100,8 @@ pub struct Rule {
     pub severity: Severity,
     /// Time for which the condition must hold before the alarm is active, s.
     pub on_s: f64,
-    /// Time for which the condition must be gone before the alarm ends, and for which it must be judged before it counts as
-    /// judged again, s.
+    /// Time for which the condition must be gone before the alarm ends, and for which the alarm must be judged before
+    /// it counts as judged again, s.
     pub off_s: f64,
     /// Whether it stays active, once its condition is gone, until a person resets it.
     pub latched: bool,

@@ -125,8 +125,8 @@ impl Source {
         (!is_bad).then(read).flatten()
     }
 
-    /// Locates a problem at a dotted key (`survey.electrodes`; `region.0.name` in the first `[[region]]`), or at its nearest
-    /// parent in the file.
+    /// A problem at the position of a dotted key (`survey.electrodes`; `region.0.name` in the first `[[region]]`), or
+    /// of its nearest parent in the file.
     pub fn problem(&self, key: &str, text: impl Into<String>) -> Problem {
         let (table, _) = DeTable::parse_recoverable(&self.text);
         let mut span = None;

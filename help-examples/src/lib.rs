@@ -36,8 +36,8 @@ pub fn with_examples(program: Command, text: &str) -> Command {
 /// Parses a command line whose first word is the program's name; returns clap's matches and the arguments.
 ///
 /// # Errors
-/// The program's exit code, for a refused command line and for `--help` and `--version`, which are printed. With `json` a
-/// refusal is not printed: `report` gets its text.
+/// The program's exit code, for a refused command line and for `--help` and `--version`, which are printed. With `json`
+/// a refusal is not printed but passed to `report`.
 pub fn parsed<A: FromArgMatches>(
     command: &Command,
     words: &[OsString],

@@ -2,11 +2,11 @@
 //!
 //! Every command with an output writes it through this crate, so that one set of rules holds everywhere:
 //!
-//! - An existing regular file is refused unless the user gives `--force`. A file that was made by an earlier run of the
-//!   same command is no exception.
+//! - An existing regular file is refused unless the user gives `--force`, even if an earlier run of the same command
+//!   made it.
 //! - A recorded session (any SQLite database, any name of a session file) is refused with `--force` too.
-//! - A character device, a FIFO and the standard streams are written to; they are never replaced. Block devices, sockets
-//!   and folders are refused.
+//! - A character device, a FIFO and the standard streams are written to; they are never replaced. Block devices,
+//!   sockets and folders are refused.
 //! - A file appears under its name whole or not at all: it is written to a temporary file with an unpredictable name in
 //!   the same folder (`O_EXCL`), synced, and then renamed. Without `--force` the rename fails if the name exists.
 //! - A symbolic link is replaced and not followed. A path through a link that another user made in a folder that

@@ -95,8 +95,8 @@ impl Forward {
 
     /// Readings at 1 A, V.
     ///
-    /// sigma: conductance in S per square: a number, shape (triangles,), or (rows, triangles). Returns shape (readings,), or
-    /// (rows, readings). Triangles with conductance 0 get 1e-8 of the largest.
+    /// sigma: conductance in S per square: a number, shape (triangles,), or (rows, triangles). Returns shape
+    /// (readings,), or (rows, readings). Triangles with conductance 0 get 1e-8 of the largest.
     fn solve<'py>(
         &self,
         py: Python<'py>,

@@ -315,8 +315,8 @@ pub(crate) fn readings(volts: &[f64]) -> Vec<Reading> {
 
 /// GREIT's figures of merit of an image (Adler and others, Physiol. Meas. 30 (2009) S35), as EIDORS computes them.
 ///
-/// image: floats of shape (rows, columns), larger where the target is, NaN outside of the sheet; images of losses are negated
-/// before. The first axis is x and the second y, first and last pixel centres on -1 and 1.
+/// image: floats of shape (rows, columns), larger where the target is, NaN outside of the sheet; negate images of
+/// losses before. The first axis is x and the second y, first and last pixel centres on -1 and 1.
 /// target: x and y of the target in these coordinates, shape (2,).
 ///
 /// Returns a dict: amplitude, position_error, resolution, shape_deformation, ringing, centroid.

@@ -88,9 +88,9 @@ impl Mesh {
     /// The rectangular sheet of the paper, electrodes counter-clockwise from the lower left, the origin in that corner.
     ///
     /// width, height: extents, m. electrodes_per_width, electrodes_per_height: along one side each; 2 (6 + 7) = 26.
-    /// electrode: "void", the rim of a square hole, or "edge", a part of the sheet's edge. electrode_size: side of a void or
-    /// length on the edge, m. inset: distance of a void's centre from the edge, m. fineness: 0.25 to 8, divides all edge
-    /// lengths; 1 gives 9,612 triangles. seeding: another number gives another mesh with the same sizes.
+    /// electrode: "void", the rim of a square hole, or "edge", a part of the sheet's edge. electrode_size: side of a
+    /// void or length on the edge, m. inset: distance of a void's centre from the edge, m. fineness: 0.25 to 8, divides
+    /// all edge lengths; 1 gives 9,612 triangles. seeding: another number gives another mesh with the same sizes.
     ///
     /// >>> import tactus_eit
     /// >>> tactus_eit.Mesh.sheet()
@@ -146,9 +146,9 @@ impl Mesh {
 
     /// A disc with its centre at the origin, electrodes on arcs of its rim, counter-clockwise.
     ///
-    /// radius: m. electrodes: 2 to 256. arc_deg: width of an electrode seen from the centre, degrees. first_deg: direction of
-    /// electrode 0, degrees counter-clockwise from +x. fineness: 0.25 to 8, divides all edge lengths. seeding: another number
-    /// gives another mesh with the same sizes.
+    /// radius: m. electrodes: 2 to 256. arc_deg: width of an electrode seen from the centre, degrees. first_deg:
+    /// direction of electrode 0, degrees counter-clockwise from +x. fineness: 0.25 to 8, divides all edge lengths.
+    /// seeding: another number gives another mesh with the same sizes.
     ///
     /// >>> import tactus_eit
     /// >>> mesh = tactus_eit.Mesh.disc(radius=0.15, electrodes=16, fineness=0.5)

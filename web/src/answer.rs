@@ -15,8 +15,8 @@ pub(crate) fn refused(code: StatusCode, why: impl std::fmt::Display) -> (StatusC
     (code, format!("{why}\n"))
 }
 
-/// Runs `work` on a blocking thread, not on the server's own. `bound` limits how many run at the same time; a work
-/// keeps its permit until it is done, even if its client has gone.
+/// Runs `work` on a blocking thread, and not on the server's own. `bound` limits how many of these run at the same
+/// time; each holds its permit until it is done, even if its client has gone.
 pub(crate) async fn worked<T: Send + 'static>(
     bound: Option<Arc<Semaphore>>,
     work: impl FnOnce() -> T + Send + 'static,

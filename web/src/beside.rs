@@ -87,7 +87,7 @@ impl Beside {
     /// Standard deviations of the last frame. Within [`DEVIATIONS`] after a computation, those of that earlier frame.
     ///
     /// # Errors
-    /// A sentence why they are unknown.
+    /// A sentence why the standard deviations are unknown.
     pub(crate) fn deviation(&self, live: &Live) -> Result<Arc<DeviationMap>, String> {
         let mut last = locked(&self.deviation);
         let (session, sequence, readings) = {

@@ -91,8 +91,7 @@ fn file(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-/// 256 colours each from zero to the largest load and to the largest gain, as in every other picture: `{"loads": [[r,
-/// g, b], ...], "gains": ...}`.
+/// 256 colours each from zero to the largest load and to the largest gain, as in every other picture:
 /// `{"loads": [[r, g, b], ...], "gains": ...}`.
 fn colours() -> String {
     let colours = |sign: f64| -> Vec<render::Rgb> {

@@ -1,5 +1,5 @@
-//! Commands on geometries: case folders from presets, models of EIDORS, forward solutions, sensitivities, transfer matrices.
-//! `maps` has the commands on frames and maps.
+//! Commands on geometries: case folders from presets, models of EIDORS, forward solutions, sensitivities, transfer
+//! matrices. The commands on frames and maps are in `maps`.
 
 mod eidors;
 mod frames;

@@ -1,4 +1,5 @@
-//! Recorded sessions on the page: what the program that serves it must supply, the routes, and the history over all sessions.
+//! Recorded sessions on the page: the interface that the program serving the page must supply, the routes, and the
+//! history over all sessions.
 
 pub(crate) mod history;
 pub(crate) mod routes;

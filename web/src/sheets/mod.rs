@@ -1,4 +1,4 @@
-//! All sheets of an archive on the page: what the program that serves it must supply, and the routes.
+//! All sheets of an archive on the page: the interface that the program serving the page must supply, and the routes.
 
 #[cfg(test)]
 mod tests;
