@@ -1,7 +1,8 @@
-//! Cost of effects that a scene does not name: `cargo run --release -p tactus-phantom --example absent_effects`.
+//! Computing time of effects that a scene does not name: `cargo run --release -p tactus-phantom --example
+//! absent_effects`.
 //!
-//! Compares frames of a scene without effects with the same readings taken directly from the forward solution, in
-//! alternation. Prints the median of each and its interquartile range, in ns per reading.
+//! Times frames of a scene without effects and, in alternation, the same readings taken directly from the forward
+//! solution. Prints median and interquartile range of both, in ns per reading.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};

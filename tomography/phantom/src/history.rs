@@ -1,8 +1,9 @@
-//! The load history of the sheet, for effects with memory: hysteresis, creep, set, stretch.
+//! The load history of the sheet, for effects on the log loss: hysteresis, creep, power-law creep, set, stretch and
+//! body contact.
 //!
-//! They act on the log loss of each triangle, so that a moving load leaves a trail. Nothing is computed between changes
-//! of the loads, because the effects follow any step exactly. The result is updated when a load changes, and at the
-//! interval of the effects (`every_s`); its **version** counts the updates that changed a bit.
+//! These effects act on each triangle, so that a moving load leaves a trail. Nothing is computed between changes of the
+//! loads, because the update of the effects is exact for any step. The result is updated when a load changes, and at
+//! the interval of the effects (`every_s`). Its **version** counts the updates that changed any bit of the result.
 
 use std::time::Duration;
 
@@ -13,15 +14,15 @@ pub(crate) struct History {
     effects: Vec<Box<dyn OnLoss>>,
     /// End of the history so far; `None` before the start.
     last: Option<Duration>,
-    /// Log losses by the loads alone at that moment.
+    /// Log losses by the loads alone at that time.
     plain: Vec<f64>,
-    /// The same after the effects.
+    /// Log losses after the effects.
     bent: Vec<f64>,
     version: u64,
 }
 
 impl History {
-    /// `None` if no effect has a memory.
+    /// `None` if there is no such effect.
     pub(crate) fn new(effects: Vec<Box<dyn OnLoss>>) -> Option<Self> {
         (!effects.is_empty()).then_some(Self {
             effects,
@@ -40,7 +41,7 @@ impl History {
         self.version
     }
 
-    /// The loads have changed at this moment: at once, or linearly since the last call.
+    /// Updates the history for loads that changed at this time, as a step or linearly since the last call.
     pub(crate) fn change(
         &mut self,
         at: Duration,
@@ -61,7 +62,8 @@ impl History {
         }
     }
 
-    /// Only time has passed until this moment: advances in steps of the shortest interval of the effects.
+    /// Updates the history for constant loads up to this time, rounded down to a multiple of the shortest interval of
+    /// the effects.
     pub(crate) fn rest(&mut self, at: Duration, places: &Places<'_>) {
         let Some(every) = self
             .effects
@@ -79,10 +81,10 @@ impl History {
         }
     }
 
-    /// Replaces the loads' effect on the conductance by that of the effects.
+    /// Replaces the losses by the loads in `sigma` by those after the effects.
     pub(crate) fn act(&self, sigma: &mut [f64]) {
         for (sigma, (plain, bent)) in sigma.iter_mut().zip(self.plain.iter().zip(&self.bent)) {
-            // exp(0) is 1: unchanged triangles keep their bits.
+            // exp(0) is exactly 1, so unchanged triangles keep their bits
             *sigma *= (plain - bent).exp();
         }
     }

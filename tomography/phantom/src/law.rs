@@ -1,4 +1,4 @@
-//! From a pressure to a loss of conductance.
+//! Conversion of a pressure to a loss of conductance.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use crate::paper;
 /// Foam properties without effects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pressure {
-    /// Pressure that takes half of the conductance, kPa: the paper gives no law; see [`loss_of_pressure`].
+    /// Pressure at which half of the conductance is lost, kPa. The paper gives no law; see [`loss_of_pressure`].
     pub half_kpa: f64,
     /// Young's modulus across the foam, kPa; 20 to 500 (fact sheet, section 2.4).
     pub modulus_kpa: f64,
@@ -29,7 +29,7 @@ pub(crate) trait Conduction: fmt::Debug + Send {
     fn loss(&self, kpa: f64, strain: f64) -> f64;
 }
 
-/// Smallest thickness of foam, as a share of its thickness at rest.
+/// Smallest thickness of foam, as a share of its unloaded thickness.
 const THINNEST: f64 = 0.05;
 
 /// The stress-strain curve of foam, with its slopes.
@@ -40,7 +40,7 @@ pub(crate) struct Foam {
 }
 
 impl Foam {
-    /// A monotone cubic through pressures (kPa) and strains (%), both rising, starting at zero.
+    /// A monotone cubic through pressures (kPa) and strains (%), both ascending, starting at zero.
     pub(crate) fn new(kpa: &[f64], strain_percent: &[f64]) -> Self {
         let given = kpa.iter().zip(strain_percent);
         let mut points: Vec<[f64; 3]> = [[0.0; 3]]
@@ -49,7 +49,8 @@ impl Foam {
             .collect();
         let secant = |a: [f64; 3], b: [f64; 3]| (b[1] - a[1]) / (b[0] - a[0]);
         let last = points.len() - 1;
-        // Inner points: the weighted harmonic mean of both secants keeps the cubic monotone. Ends: the secant.
+        // slopes: at inner points the weighted harmonic mean of both secants, which keeps the cubic monotone; at the
+        // ends the secant
         points[0][2] = secant(points[0], points[1]);
         points[last][2] = secant(points[last - 1], points[last]);
         for k in 1..last {
@@ -125,11 +126,11 @@ mod tests {
     #[test]
     fn each_law_is_its_formula() {
         assert_eq!(law("").loss(25.0), 0.5);
-        // 10 kPa on 100 kPa are a strain of 0.1
+        // 10 kPa on a foam of 100 kPa give a strain of 0.1
         assert!((law("gauge-law.factor = 5").loss(10.0) - 1.0 / 3.0).abs() < 1e-15);
         let exponential = law("exponential-law.per_strain = 4").loss(10.0);
         assert!((exponential - (1.0 - (-0.4_f64).exp())).abs() < 1e-15);
-        // two decades above 0.1 kPa, 20 % each: 0.6 of the resistance
+        // two decades above 0.1 kPa, 20 % each, leave 0.6 of the resistance
         let log = law("log-law.from_kpa = 0.1").loss(10.0);
         assert!((log - (1.0 - 1.0 / 0.6)).abs() < 1e-14, "{log}");
         assert_eq!(law("log-law.from_kpa = 20").loss(10.0), 0.0);

@@ -1,12 +1,13 @@
 //! The simulated sheet: computes the voltages at its electrodes under the loads of a scene.
 //!
-//! A phantom has its own mesh, finer than any reconstruction's and not a refinement of it, and the complete electrode
-//! model on it. Sheet and contacts are ideal unless a scene names an effect; an effect that is not named costs nothing.
-//! The crate uses no clock (time is an argument), no randomness without a seed, no instruments and no reconstruction.
+//! A phantom solves the complete electrode model on its own mesh, which is finer than that of any reconstruction and
+//! not a refinement of it. Sheet and contacts are ideal unless a scene names an effect; an effect that is not named
+//! takes no computing time. The crate uses no clock (time is an argument), no randomness without a seed, no instruments
+//! and no reconstruction.
 //!
-//! - **load**: a shape at a place with a loss of conductance; **scene**: sheet, loads on a time line, effects, seed
+//! - **load**: a shape at a position with a loss of conductance; **scene**: sheet, loads on a time line, effects, seed
 //! - **fault**: a failure of an instrument in a scene, as text that the simulated instruments interpret
-//! - **loss**: the share of sheet conductance that a load takes away, 0 to 1
+//! - **loss**: the share of the sheet's conductance that is lost under a load, 0 to 1
 //! - **effect**: one imperfection of sheet, contacts, network or readings, with its own random stream
 //!
 //! ```

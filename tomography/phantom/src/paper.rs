@@ -1,5 +1,5 @@
-//! The loads of the paper's two tests. The text gives masses but no losses, shapes but few dimensions: the missing
-//! values are our choice, and a scene can set all of them differently.
+//! The loads of the paper's two tests. The paper gives masses but no losses, and shapes but few dimensions. The missing
+//! values are choices of this project, and a scene can set all of them differently.
 
 use crate::load::{Load, Shape, loss_of_pressure, pressure_kpa};
 
@@ -9,13 +9,13 @@ pub const TEST1_X_MM: [f64; 4] = [40.0, 84.7, 129.3, 174.0];
 /// Rows of Test #1, mm.
 pub const TEST1_Y_MM: [f64; 4] = [44.0, 91.3, 138.7, 186.0];
 
-/// Three places of Test #2, mm.
+/// The three positions of Test #2, mm.
 pub const TEST2_MM: [[f64; 2]; 3] = [[70.0, 70.0], [107.0, 115.0], [144.0, 160.0]];
 
-/// The pressure that takes half of the conductance, kPa: that of S1, 200 g on a disc of 10 mm.
+/// The pressure at which half of the conductance is lost, kPa: that of S1, 200 g on a disc of 10 mm.
 pub const HALF_KPA: f64 = 25.0;
 
-/// The 16 positions of Test #1, mm: along x first, from the lower left.
+/// The 16 positions of Test #1, mm, from the lower left; x varies first.
 pub fn test1_positions() -> [[f64; 2]; 16] {
     std::array::from_fn(|k| [TEST1_X_MM[k % 4], TEST1_Y_MM[k / 4]])
 }

@@ -1,9 +1,9 @@
-//! Predicted size of each effect before it is switched on: rms over the readings and frames of a scan, in volts.
+//! Prediction of the size of each effect without a simulation: rms over the readings and frames of a scan, in volts.
 //!
-//! Predictions use the readings of the unloaded sheet, their sensitivities to contacts and conductance (first order),
-//! resistances between electrodes, and the scan's settings; all are cheap and exact. An effect beyond first order (a
-//! crack, a detached electrode) needs one solution of the changed sheet; an effect on loads needs a dozen with it and a
-//! dozen without, on a coarse mesh.
+//! Predictions use the readings of the unloaded sheet, their first-order sensitivities to contacts and conductance, the
+//! resistances between electrodes, and the scan's settings, all of which are fast to compute. An effect beyond first
+//! order (a crack, a detached electrode) needs one solution of the changed sheet. An effect on loads needs a dozen
+//! solutions with it and a dozen without, on a coarse mesh.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,11 +21,11 @@ use crate::sheet::{Phantom, PhantomError};
 const CELL: f64 = 8e-3;
 /// Largest fineness of the mesh for the sensitivity.
 const FINENESS: f64 = 0.6;
-/// Frames sampled for quantities that change with time.
+/// Number of frames sampled for quantities that change with time.
 const MOMENTS: usize = 240;
-/// Frames sampled for the loads' signal.
+/// Number of frames sampled for the signal of the loads.
 const LOADED: usize = 24;
-/// Frames solved with and without an effect on loads.
+/// Number of frames solved with and without an effect on loads.
 const PRESSED: usize = 12;
 
 /// Precomputed inputs of the predictions for a scene and its scan.
@@ -53,11 +53,11 @@ pub struct Prediction {
     pub name: &'static str,
     /// Description.
     pub what: &'static str,
-    /// Whether the scene names it; otherwise the prediction uses its usual parameters.
+    /// Whether the scene names it; otherwise the prediction uses the default parameters.
     pub named: bool,
     /// Rms over readings and frames, V.
     pub volts: f64,
-    /// For faults: the event assumed; a healthy rig has none.
+    /// For an effect that is a fault: the event that the prediction assumes.
     pub assumes: Option<String>,
 }
 
@@ -119,7 +119,7 @@ impl Preview {
         Ok(preview)
     }
 
-    /// Rms over the readings of the change by loads, in the frame where it is largest.
+    /// Rms over the readings of the change by loads, V, in the frame where it is largest; `None` without a change.
     fn load_signal(&self, scene: &Scene) -> Result<Option<f64>, PhantomError> {
         if scene.loads.is_empty() {
             return Ok(None);
@@ -139,7 +139,7 @@ impl Preview {
         Ok(largest)
     }
 
-    /// How readings are taken.
+    /// Settings of the acquisition.
     pub fn scan(&self) -> &Scan {
         &self.scan
     }
@@ -153,7 +153,7 @@ impl Preview {
             .volts(&self.sights[0].context)
     }
 
-    /// Rms over the readings of the change by loads, V; `None` without a change.
+    /// Rms over the readings of the change by loads, V, in the frame where it is largest; `None` without a change.
     pub fn signal(&self) -> Option<f64> {
         self.signal
     }
@@ -173,7 +173,7 @@ impl Preview {
             .collect()
     }
 
-    /// The middles of at most this many frames from the first to the last.
+    /// The middle times of at most `most` frames, spread from the first to the last.
     fn moments(&self, most: usize) -> impl Iterator<Item = Duration> {
         let frames = self.scan.frames.max(1);
         let half = self.scan.frame_time() / 2;
@@ -188,7 +188,7 @@ impl Preview {
         })
     }
 
-    /// The effects of the scene that determine the law of pressure.
+    /// The effects of the scene that determine the law from pressure to conductance.
     fn laws(&self) -> EffectSettings {
         EffectSettings {
             foam: self.effects.foam.clone(),
@@ -339,7 +339,7 @@ impl SheetResponse for Preview {
     }
 }
 
-/// The sheet on a mesh fine enough for first order.
+/// The sheet with a mesh of at most [`FINENESS`], which is sufficient to first order.
 fn coarse(sheet: &Preset) -> Preset {
     let fineness = match sheet {
         Preset::PaperSheet(sheet) => sheet.fineness,
@@ -348,8 +348,8 @@ fn coarse(sheet: &Preset) -> Preset {
     sheet.clone().remeshed((FINENESS / fineness).min(1.0), 0)
 }
 
-/// The sensitivity of readings (V) to ln(conductance) of squares of the whole sheet, and the squares' centres (m). On
-/// its own coarse mesh, which is enough for first order.
+/// The sensitivity of readings (V) to ln(conductance) of squares of the whole sheet, and the squares' centres (m).
+/// Computed on a coarse mesh, which is sufficient to first order.
 fn cells(scene: &Scene, scan: &Scan) -> Result<(DMatrix<f64>, Vec<[f64; 2]>), PhantomError> {
     let coarse = Phantom::new(Scene {
         sheet: coarse(&scene.sheet),

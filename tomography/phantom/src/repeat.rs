@@ -1,4 +1,4 @@
-//! Repetition of a load or fault in a scene: a load every night, a lost reply every hour.
+//! Repetition of a load or fault in a scene, such as a load every night or a lost reply every hour.
 
 use std::fmt;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use std::time::Duration;
 const MOST_TIMES: u32 = 100_000;
 /// Shortest period, s.
 const SHORTEST_S: f64 = 1e-3;
-/// Longest time from the first time to the last, s: a hundred years.
+/// Longest time from the first to the last repetition, s: a hundred years.
 const LONGEST_S: f64 = 100.0 * 365.25 * 86_400.0;
 
 /// Number of repetitions and their period.
@@ -26,7 +26,7 @@ pub struct Repeat {
     times: u32,
 }
 
-/// Why a repetition is invalid: the key of the scene, and what is wrong with its value.
+/// An invalid repetition: the key of the scene, and what is wrong with its value.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{key} is {why}")]
 pub struct RepeatError {
@@ -80,7 +80,7 @@ impl Repeat {
         self.every.saturating_mul(number)
     }
 
-    /// The number of the last repetition that has begun, this long after the first one began.
+    /// The number of the repetition that started last, at a time after the start of the first.
     pub(crate) fn number(self, since_first: Duration) -> u32 {
         let passed = since_first.as_nanos() / self.every.as_nanos();
         u32::try_from(passed)

@@ -9,9 +9,9 @@ use survey::{Amps, Dipole, Ohms, Protocol, ProtocolError, Relay, Volts};
 /// The conditions of a reading that effects may depend on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadingContext {
-    /// When the reading ends.
+    /// End of the reading.
     pub at: Duration,
-    /// How long the voltmeter integrated until then.
+    /// Duration of the integration up to the end of the reading.
     pub integration: Duration,
     /// The voltmeter's range.
     pub range: Volts,
@@ -19,9 +19,9 @@ pub struct ReadingContext {
     pub nplc: f64,
     /// The voltmeter's resolution at this integration as a share of its range; effects use it as noise.
     pub resolution: f64,
-    /// The channel to the voltmeter; `None` for its direct input.
+    /// The channel to the voltmeter; `None` for the voltmeter's direct input.
     pub relay: Option<Relay>,
-    /// The current set at the source, or less in compliance.
+    /// The current that flows: that set at the source, or less in compliance.
     pub flowing: Amps,
     /// The source's range.
     pub source_range: Amps,
@@ -53,7 +53,7 @@ impl ReadingContext {
     }
 }
 
-/// How frames are taken.
+/// Settings of the acquisition of frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
     /// The measurements.
@@ -68,7 +68,7 @@ pub struct Scan {
     pub nplc: f64,
     /// The voltmeter's resolution at this integration as a share of its range.
     pub resolution: f64,
-    /// Mains frequency.
+    /// Mains frequency, Hz.
     pub line_hz: f64,
     /// Delay after a change of the current.
     pub settle: Duration,
@@ -85,7 +85,7 @@ impl Scan {
     /// voltmeter, reed relays, frames without a pause.
     ///
     /// # Errors
-    /// A number of electrodes without a pattern.
+    /// The pattern does not exist for this number of electrodes.
     pub fn usual(electrodes: usize) -> Result<Self, ProtocolError> {
         Ok(Self {
             protocol: Protocol::sheffield(electrodes)?,
@@ -114,13 +114,13 @@ impl Scan {
         self.settle * drives + (self.switching + self.integration()) * readings
     }
 
-    /// Start of a frame; that of the first is 0.
+    /// Start of a frame; 0 for the first.
     pub fn begin(&self, frame: usize) -> Duration {
         let step = self.every.max(self.frame_time());
         step * u32::try_from(frame).unwrap_or(u32::MAX)
     }
 
-    /// The context of each reading of a frame that begins at a moment, without resistances.
+    /// The context of each reading of a frame that starts at `begin`, without resistances.
     pub(crate) fn contexts(&self, begin: Duration) -> impl Iterator<Item = ReadingContext> {
         let integration = self.integration();
         let mut at = begin;

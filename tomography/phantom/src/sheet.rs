@@ -1,4 +1,4 @@
-//! The phantom: a sheet with the loads at a moment, and its electrodes.
+//! The phantom: a simulated sheet with its electrodes, and the loads at a time.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use crate::press::{Print, Stage};
 use crate::scan::{ReadingContext, Scan, across};
 use crate::scene::Scene;
 
-/// Solutions kept: that of the unloaded sheet and a few recent ones.
+/// Maximum number of stored solutions.
 const KEPT: usize = 8;
 
 /// Errors of the phantom.
@@ -32,7 +32,7 @@ pub enum PhantomError {
     Forward(#[from] ForwardError),
 }
 
-/// A simulated sheet: transfer impedances between its electrodes at a moment, and readings with the scene's effects.
+/// A simulated sheet: transfer impedances between its electrodes at a time, and readings with the scene's effects.
 #[derive(Debug)]
 pub struct Phantom {
     scene: Scene,
@@ -47,11 +47,11 @@ pub struct Phantom {
     prints: Vec<(Stage, Print)>,
     /// Loads pressed interactively.
     live: Vec<(Load, Print)>,
-    /// Whether they have changed since the last update of the history.
+    /// Whether the interactive loads have changed since the last update of the history.
     live_changed: bool,
-    /// Present if an effect has memory.
+    /// `None` if no effect acts on the losses of the loads.
     history: Option<History>,
-    /// Most recent last.
+    /// Stored solutions, the most recently used last.
     solved: Vec<(State, DMatrix<f64>)>,
     effects: Effects,
 }
@@ -65,7 +65,7 @@ struct State {
     epochs: Vec<u64>,
 }
 
-/// Smallest conductance in the load history, as a share of the sheet's own.
+/// Smallest conductance in the load history, as a share of the unloaded sheet's.
 const LEAST: f64 = 1e-8;
 
 /// Length of each electrode's contact, m: converts ohm to ohm m.
@@ -156,7 +156,7 @@ impl Phantom {
         &self.forward
     }
 
-    /// The loads on the sheet at a moment: those of the time line, then the interactive ones.
+    /// The loads on the sheet at a time: those of the time line, then the interactive ones.
     pub fn loads(&self, at: Duration) -> impl Iterator<Item = Load> {
         let timed = self.scene.loads.iter();
         timed
@@ -176,7 +176,7 @@ impl Phantom {
         Ok(())
     }
 
-    /// Removes all interactive loads; the time line continues. False if there was none.
+    /// Removes all interactive loads; the time line continues. Returns false if there were none.
     pub fn release(&mut self) -> bool {
         let pressed = !self.live.is_empty();
         self.live.clear();
@@ -184,8 +184,9 @@ impl Phantom {
         pressed
     }
 
-    /// The true conductance of each triangle of the phantom's mesh at a moment, S per square. Overlapping losses
-    /// multiply. Time must not decrease: for an earlier moment, wandering quantities keep their last value.
+    /// The true conductance of each triangle of the phantom's mesh at a time, S per square. The remaining shares under
+    /// overlapping loads are multiplied. Time must not decrease: for an earlier time, random processes keep their last
+    /// value.
     pub fn conductance(&mut self, at: Duration) -> Vec<f64> {
         self.follow(at);
         let mut sigma = vec![self.scene.sheet.conductance(); self.mesh().triangles().len()];
@@ -199,14 +200,14 @@ impl Phantom {
         sigma
     }
 
-    /// Calls `tell` with the loss of every triangle under a load, load by load.
+    /// Calls `tell` with each triangle under a load and its loss, load by load.
     fn each_print(&mut self, at: Duration, mut tell: impl FnMut(usize, f64)) {
         for (timed, (known, print)) in self.scene.loads.iter().zip(&mut self.prints) {
             let Some(stage) = timed.stage(at) else {
                 continue;
             };
             if stage != *known {
-                // The first step was computed at the start, so later ones cannot fail.
+                // the first step was computed in `new`, so later ones cannot fail
                 let mesh = self.forward.mesh();
                 *print = timed.print(stage, &self.law, mesh).unwrap_or_default();
                 *known = stage;
@@ -220,7 +221,7 @@ impl Phantom {
         }
     }
 
-    /// Updates the load history to a moment.
+    /// Updates the load history up to a time.
     fn follow(&mut self, at: Duration) {
         let Some(mut history) = self.history.take() else {
             return;
@@ -262,7 +263,8 @@ impl Phantom {
         self.history = Some(history);
     }
 
-    /// The matrix Z with U = Z I between the electrodes at a moment, ohm; reused while nothing changes.
+    /// The matrix Z with U = Z I between the electrodes at a time, ohm, one row and one column per electrode; reused
+    /// while nothing changes.
     ///
     /// # Errors
     /// A sheet that cannot be solved.
@@ -316,7 +318,7 @@ impl Phantom {
         !self.effects.wires.is_empty()
     }
 
-    /// The path of a relay after this many closures, with the scene's effects.
+    /// The state of a relay's path after this many closures, with the scene's effects.
     pub fn relay_contact(&mut self, relay: Relay, closures: u64, at: Duration) -> RelayContact {
         let mut contact = RelayContact::default();
         for effect in &mut self.effects.wires {
@@ -325,10 +327,10 @@ impl Phantom {
         contact
     }
 
-    /// Resistance that the scene's effects add to the source's loop besides the relays.
+    /// Resistance that the scene's effects add to the source's loop, without the relays.
     pub fn loop_resistance(&self) -> Ohms {
         let wires = self.effects.wires.iter();
-        // Starts at 0.0: the sum of an empty list would be -0.0.
+        // the fold starts at 0.0 because `sum` of an empty list would be -0.0
         Ohms(wires.fold(0.0, |sum, effect| sum + effect.loop_resistance().0))
     }
 
@@ -337,15 +339,15 @@ impl Phantom {
         self.effects.needs()
     }
 
-    /// The measured voltage for an exact one, with the scene's effects; the same bits if the scene names none.
+    /// The measured voltage for an exact one, with the scene's effects; bit for bit the same if the scene names none.
     pub fn reading(&mut self, exact: Volts, context: ReadingContext) -> Volts {
         self.effects.reading(exact, &context)
     }
 }
 
 impl Scan {
-    /// The readings of a frame that begins at a moment no earlier than the last, for an ideal voltmeter: without
-    /// compliance, ranges and digits, which belong to the instruments.
+    /// The readings of a frame that starts at `begin`, for an ideal voltmeter: without compliance, ranges and digits,
+    /// which the simulated instruments add. `begin` must not be earlier than in the last call.
     ///
     /// # Errors
     /// A sheet that cannot be solved.

@@ -1,8 +1,8 @@
-//! The scenes shipped with the project, and opening of scenes by shipped name or by path.
+//! The scenes shipped with the project, and opening of scenes by the name of a shipped one or by path.
 
 use crate::scene::{Scene, SceneError};
 
-/// File names without their ending, and texts.
+/// Names (file names without extension) and texts of the scenes.
 macro_rules! scenes {
     ($($name:literal)+) => {
         &[$(($name, include_str!(concat!("../scenes/", $name, ".toml")))),+]
@@ -90,7 +90,7 @@ impl Scene {
         }
     }
 
-    /// A scene's description: the first sentence of its first comment.
+    /// A scene's description, from the first line of its text, a comment.
     pub fn what(text: &str) -> &str {
         let first = text.lines().next().unwrap_or_default();
         first.trim_start_matches(['#', ' '])
@@ -99,7 +99,7 @@ impl Scene {
     /// Opens a shipped scene by name, or a file by path.
     ///
     /// # Errors
-    /// No such file, or an invalid scene.
+    /// The file cannot be read, or the scene is invalid.
     pub fn open(name_or_path: &str) -> Result<Self, OpenError> {
         let shipped = Self::shipped()
             .iter()

@@ -1,4 +1,4 @@
-//! Any polygon of a scene is refused by name or covers its part of the sheet.
+//! Any polygon of a scene is either refused with its name or covers the expected part of the sheet.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
     #[test]
     fn any_polygon(points in prop::collection::vec([-60.0..60.0_f64, -60.0..60.0_f64], 0..9), loss in 0.01..1.0_f64) {
-        // the tank has no holes, so everything inside is covered completely
+        // the tank has no holes, so a polygon inside of it is covered completely
         let text = "[disc-tank]\nradius_mm = 100\n[mesh]\nfineness = 0.3";
         let mut phantom = Phantom::new(Scene::parse("tank.toml", text).unwrap()).unwrap();
         let load = Load {

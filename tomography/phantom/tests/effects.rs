@@ -1,11 +1,13 @@
-//! All effects: absent ones change no bit, present ones have an effect, none shifts another's random numbers.
+//! All effects: absent ones change no bit, present ones change the results, and none changes the random numbers of
+//! another.
 
 use std::time::Duration;
 
 use phantom::{Phantom, ReadingContext, Scene};
 use survey::{Amps, Ohms, Relay, Volts};
 
-/// Each effect twice: with a visible size, and with size zero, where it is present and draws but changes nothing.
+/// Each effect with two settings: one with a visible size, and one of size zero, with which it is present and draws
+/// numbers but changes nothing.
 const EFFECTS: [(&str, &str, &str); 43] = [
     (
         "electrode-placement",
@@ -76,7 +78,7 @@ const EFFECTS: [(&str, &str, &str); 43] = [
     ("quantisation", "", "step_uv = 0.0"),
 ];
 
-/// A load that comes, moves, presses harder and goes, for effects on loads.
+/// A load that is placed, moves, presses harder and is removed, for effects on loads.
 const LOAD: &str = "[[load]]
 shape = \"disc\"
 diameter_mm = 30
@@ -142,7 +144,7 @@ fn every_effect_acts_and_size_zero_changes_no_bit() {
     let bare = seen(&[]);
     for (name, active, nothing) in EFFECTS {
         assert!(seen(&[(name, active)]) != bare, "{name} does nothing");
-        // Some effects are a resistance, which cannot have size zero.
+        // some effects are a resistance, which cannot have size zero
         if active != nothing {
             assert!(seen(&[(name, nothing)]) == bare, "{name} without size");
         }
@@ -208,7 +210,7 @@ fn a_parameter_out_of_range_is_refused_at_its_line() {
 
 #[test]
 fn all_together_are_the_same_on_every_run() {
-    // A scene has only one conductance law and one kind of creep.
+    // a scene can have only one conductance law and one kind of creep
     let all: Vec<(&str, &str)> = EFFECTS
         .iter()
         .filter(|(name, ..)| !["exponential-law", "log-law", "power-law-creep"].contains(name))

@@ -1,4 +1,4 @@
-//! Loads that move, change their force, and leave a history.
+//! Loads that move, change their force, and act on effects with a history.
 
 use std::time::Duration;
 
@@ -47,10 +47,10 @@ fn each_reading_has_the_moving_load_at_its_time() {
         }
     }
     println!("in steps of 0.25 mm: {worst:.4} of the load's signal beside the exact place");
-    // 0.125 mm of a signal that falls off over about 10 mm
+    // the error of 0.125 mm is small against the 10 mm over which the signal falls off
     assert!(worst < 0.006, "{worst}");
     assert!(worst > 0.0);
-    // one solution per step: nothing is recomputed between two steps
+    // one solution per step; nothing is recomputed between two steps
     assert_eq!(seen.len(), 80);
 }
 
@@ -86,7 +86,7 @@ fn a_force_over_time_is_its_pressure_at_each_moment() {
 
 const PRESS: &str = "[[load]]\nshape = \"disc\"\ndiameter_mm = 30\nx_mm = 100\ny_mm = 110\n";
 
-/// The smallest remaining conductance.
+/// The smallest remaining share of conductance.
 fn left(phantom: &mut Phantom, at: f64) -> f64 {
     let whole = phantom.scene().sheet.conductance();
     let sigma = phantom.conductance(seconds(at));

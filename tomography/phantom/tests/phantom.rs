@@ -1,4 +1,4 @@
-//! The phantom on its own mesh.
+//! Solutions and readings of the phantom.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -103,7 +103,7 @@ fn a_load_has_the_stated_loss() {
         .map(|(t, sigma)| (1.0 - sigma / sheet) * mesh.area(t))
         .sum();
     assert!((lost / (load.loss * load.shape.area()) - 1.0).abs() < 1e-9);
-    // the signal of a press is similar on any mesh: 19 to 97 uV rms at 1 mA, the largest reading being 309 mV
+    // the signal of a press is similar on any mesh: 19 to 97 uV rms at 1 mA; the largest reading is 309 mV
     phantom.release();
     let protocol = Protocol::sheffield(26).unwrap();
     let forward = Forward::new(mesh, &phantom.scene().sheet.contact_ohm_m()).unwrap();

@@ -1,4 +1,4 @@
-//! Compares the predicted size of each effect with the rms observed when it is switched on.
+//! Compares the predicted size of each effect with the rms in a simulation with the effect.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -6,20 +6,20 @@ use std::time::Duration;
 use phantom::{EffectSettings, Phantom, Prediction, Preview, Scan, Scene};
 use survey::Volts;
 
-/// The scan in which an effect is visible.
+/// The scan with which an effect is compared.
 #[derive(Clone, Copy)]
 enum Taken {
-    /// Some frames of a day.
+    /// Some frames over a day.
     Day,
-    /// The same, with a load that changes.
+    /// Some frames over a day, with a load that changes.
     Pressed,
-    /// One frame, immediately after the relays, with a thousandth of a cycle.
+    /// One frame without settling time, with an integration of a thousandth of a cycle.
     Hurried,
 }
 
 use Taken::{Day, Hurried, Pressed};
 
-/// Effects visible through the instruments only: `simulator/tests/simulated_rig/relays.rs`.
+/// Effects that only the simulated instruments apply; tested in `simulator/tests/simulated_rig/relays.rs`.
 const IN_WIRES: [&str; 3] = ["channel-resistance", "lead-resistance", "wear"];
 
 const LOAD: &str = "[[load]]
@@ -32,7 +32,7 @@ to_s = 80000
 path = [{ at_s = 30000, mass_g = 3000 }, { at_s = 60000, mass_g = 600 }]
 ";
 
-/// Each effect with its parameters, scan and number of seeds; effects with one number per frame need many seeds.
+/// Each effect with its parameters, scan and number of seeds. Effects that draw one number per frame need many seeds.
 const EFFECTS: [(&str, &str, Taken, u64); 43] = [
     ("electrode-placement", "", Day, 4),
     ("foam", "", Pressed, 1),
@@ -174,7 +174,7 @@ fn unnamed_effects_are_predicted_and_faults_state_assumptions() {
         .find(|reported| reported.name == "detachment")
         .unwrap();
     assert_eq!(off.assumes.as_deref(), Some("electrode 1 comes off at 0 s"));
-    // 3e-6 of the range of 1 V at 1 PLC.
+    // 3e-6 of the range of 1 V at 1 PLC
     assert!((preview.noise() - 3e-6).abs() < 1e-12);
     assert_eq!(preview.signal(), None);
 }

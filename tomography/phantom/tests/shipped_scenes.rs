@@ -1,4 +1,4 @@
-//! The shipped scenes are all valid, all start, and include one for each effect.
+//! All shipped scenes are valid and can be simulated, and there is one for each effect.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::time::Duration;
 use eit::Preset;
 use phantom::{EffectSettings, Phantom, Preview, Scan, Scene};
 
-/// With a coarse mesh, which is enough to start.
+/// The scene with a coarse mesh, which is sufficient for this test.
 fn coarse(name: &str) -> Scene {
     let scene = Scene::open(name).unwrap_or_else(|fault| panic!("{fault}"));
     Scene {
@@ -34,7 +34,7 @@ fn every_shipped_scene_has_a_description_and_starts() {
         let mut phantom = Phantom::new(coarse(name)).unwrap();
         let frame = scan.frame(&mut phantom, Duration::ZERO).unwrap();
         assert!(frame.iter().all(|volts| volts.0.is_finite()), "{name}");
-        // The baseline is taken without loads.
+        // the baseline is recorded without loads
         assert_eq!(phantom.loads(scan.frame_time()).count(), 0, "{name}");
     }
 }

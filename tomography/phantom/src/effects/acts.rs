@@ -9,7 +9,7 @@ use survey::{Ohms, Relay, Volts};
 
 use crate::scan::ReadingContext;
 
-/// Acts on the phantom's own mesh, once.
+/// Acts on the phantom's mesh, once, when the phantom is created.
 pub(crate) trait OnMesh: fmt::Debug + Send {
     /// Moves nodes (m) of the mesh of a sheet.
     fn displace(&self, sheet: &Preset, nodes: &mut [[f64; 2]]);
@@ -22,17 +22,17 @@ pub(crate) struct Places<'a> {
     pub(crate) centroids: &'a [[f64; 2]],
     /// m2
     pub(crate) areas: &'a [f64],
-    /// Log losses by the loads alone, before any effect; 0 without a load.
+    /// Log losses caused by the loads alone, before any effect; 0 without a load.
     pub(crate) pressed: &'a [f64],
 }
 
 /// Changes the loss that loads cause in each triangle, as its log loss -ln(sigma / sigma_0).
 pub(crate) trait OnLoss: fmt::Debug + Send {
-    /// Follows the log losses along a straight line from the last ones to these, `past` seconds later, and changes
-    /// them.
+    /// Advances the effect by `past` seconds, during which the log losses of the loads changed linearly from those of
+    /// the last call to those of this call, and changes `losses`.
     fn follow(&mut self, past: f64, places: &Places<'_>, losses: &mut [f64]);
 
-    /// Interval at which it needs an update while nothing else changes; `None` for never.
+    /// Interval at which the effect needs an update while the loads do not change; `None` if it needs none.
     fn every(&self) -> Option<Duration> {
         None
     }
@@ -43,7 +43,7 @@ pub(crate) trait OnLoss: fmt::Debug + Send {
 pub struct RelayContact {
     /// Resistance of each pole in addition to that of its module.
     pub ohms: Ohms,
-    /// Stuck permanently: closed (`true`) or open, whatever the instrument reports.
+    /// Stuck permanently closed (`Some(true)`) or open (`Some(false)`), whatever the instrument reports.
     pub stuck: Option<bool>,
 }
 
@@ -61,7 +61,7 @@ pub(crate) trait OnWires: fmt::Debug + Send {
     /// Changes the path of a relay that has closed this many times.
     fn act(&mut self, relay: Relay, closures: u64, at: Duration, contact: &mut RelayContact);
 
-    /// Resistance in the source's loop besides the relays.
+    /// Resistance in the source's loop in addition to the relays.
     fn loop_resistance(&self) -> Ohms {
         Ohms(0.0)
     }
@@ -85,7 +85,7 @@ pub(crate) trait OnContacts: fmt::Debug + Send {
     fn epoch(&self, at: Duration) -> u64;
 }
 
-/// Acts on the network between the electrodes besides the sheet.
+/// Acts on the network between the electrodes, outside of the sheet.
 pub(crate) trait OnNetwork: fmt::Debug + Send {
     /// Changes the transfer impedance, ohm.
     fn act(&mut self, at: Duration, z: &mut DMatrix<f64>);

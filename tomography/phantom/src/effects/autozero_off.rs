@@ -1,8 +1,8 @@
-//! Zero error of a voltmeter without autozero: 2 ppm of range + 5 uV, wandering over ten minutes.
+//! Zero error of a voltmeter without autozero: 2 ppm of range + 5 uV, with a correlation time of ten minutes.
 //!
-//! An Ornstein-Uhlenbeck process with a time constant of ten minutes, its rms that of the manual's figure (fact sheet,
-//! section 2.1), updated exactly over any step: z' = e z + sqrt(1 - e^2) n, e = exp(-dt / tau). Leave it out when
-//! autozero is on.
+//! An Ornstein-Uhlenbeck process with a time constant of ten minutes. Its rms is the manual's figure (fact sheet,
+//! section 2.1), and its update is exact over any step: z' = e z + sqrt(1 - e^2) n, e = exp(-dt / tau). Leave it out
+//! when autozero is on.
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -36,7 +36,7 @@ impl Default for AutozeroOffSettings {
 }
 
 impl AutozeroOffSettings {
-    /// Rms of the zero.
+    /// Rms of the zero error, V.
     fn volts(&self, context: &ReadingContext) -> f64 {
         self.range_ppm * 1e-6 * context.range.0 + self.uv * 1e-6
     }

@@ -1,6 +1,6 @@
 //! The input bias current of the voltmeter flows through the measured resistance: v + I R_source.
 //!
-//! Less than 50 pA at 25 degC (fact sheet, section 2.1): 50 nV on a kilohm. Always negligible there, but not on a
+//! Less than 50 pA at 25 degC (fact sheet, section 2.1): 50 nV on a kilohm. It is negligible on the sheet, but not on a
 //! detached contact.
 
 use serde::{Deserialize, Serialize};
@@ -40,7 +40,7 @@ impl Effect for BiasCurrentSettings {
 
 impl OnReading for BiasCurrentSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        // An open input drifts to the rail: beyond any range, so the voltmeter reports an overload.
+        // for an open input the result is beyond any range, so the voltmeter reports an overload
         Volts(volts.0 + self.pa * 1e-12 * context.source_resistance.0)
     }
 

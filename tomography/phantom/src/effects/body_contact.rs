@@ -3,8 +3,9 @@
 //! Foam of thickness L and diffusivity D, one face at the body's temperature under a load and at the room's otherwise,
 //! the other face insulated. The conductance follows the mean temperature over the thickness, which is a sum of modes:
 //! c (1 - sum 8 / (pi² m²) exp(-m² t / tau)), m = 1, 3, 5, ..., tau = 4 L² / (pi² D) (Carslaw and Jaeger, Conduction of
-//! heat in solids, section 3.4). Each mode follows any history of contact exactly. Eight are computed, the others (2.5
-//! %) act immediately: an error below 1e-3 from 0.02 tau on. sigma (1 - alpha T) as in `temperature`.
+//! heat in solids, section 3.4). Each mode follows any history of contact exactly. Eight modes are computed, the others
+//! (2.5 %) act immediately, with an error below 1e-3 from 0.02 tau on. The conductance is sigma (1 - alpha T) as in
+//! `temperature`.
 //!
 //! +8 degC under a body, tau 1 to 10 min, alpha -0.05 to -0.4 % per degC (fact sheet, section 2.3). Conduction along
 //! the sheet, sqrt(D t) or some millimetres in an hour, is ignored. Every load is treated as a body.
@@ -69,7 +70,7 @@ impl Effect for BodyContactSettings {
 
 /// Number of modes computed.
 const MODES: usize = 8;
-/// Remainder that is dropped without a load, as a share of the body's temperature.
+/// Without a load a smaller delayed part is set to zero, as a share of the body's temperature.
 const NOTHING: f64 = 1e-12;
 
 /// Share and time constant of a mode, the latter in units of tau.
@@ -81,7 +82,7 @@ fn mode(number: usize) -> [f64; 2] {
 #[derive(Debug)]
 struct BodyContact {
     settings: BodyContactSettings,
-    /// For each triangle, whether it was loaded last, and the delayed part of each mode.
+    /// For each triangle: whether it was loaded at the last update, and the delayed part of each mode.
     held: Vec<(bool, [f64; MODES])>,
 }
 
@@ -104,7 +105,7 @@ impl OnLoss for BodyContact {
         } = self.settings;
         let steps: [(f64, PronyStep); MODES] = std::array::from_fn(|number| {
             let [share, part] = mode(number);
-            // The contact begins as a step: the delayed part is the whole share, which then decays.
+            // a contact begins as a step: the delayed part is at first the whole share of the mode, then decays
             let decay = PronyStep::new(0.0, past / (part * tau_s));
             (share, decay)
         });
@@ -151,7 +152,7 @@ mod tests {
         })
     }
 
-    /// The mean temperature of the foam as a share of the body's, from the change of the loss.
+    /// The mean temperature of the foam as a share of the body's, computed from the change of the loss.
     fn warmth(body: &mut BodyContact, past: f64, pressed: f64) -> f64 {
         let places = Places {
             pressed: &[pressed],
@@ -180,7 +181,7 @@ mod tests {
                 "{t}: {seen}"
             );
         }
-        // at late times only the slowest mode is left
+        // at late times only the slowest mode remains
         let mut foam = body();
         warmth(&mut foam, 0.0, 0.5);
         let seen = warmth(&mut foam, 3.0 * TAU, 0.5);

@@ -1,4 +1,4 @@
-//! Noisy channels: a loose terminal, a worn contact, an electrode's wire with pickup.
+//! Noisy channels: a loose terminal, a worn contact, or an electrode's wire with pickup.
 //!
 //! n ~ N(0, s²) on each reading through a named channel, in addition to the voltmeter's noise; a noisy wire affects the
 //! two channels that share its electrode. A fault, absent from a healthy rig; its size is arbitrary.
@@ -18,7 +18,7 @@ use crate::scan::ReadingContext;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChannelNoiseSettings {
-    /// The channels, as the mainframe numbers them.
+    /// Channel numbers of the mainframe.
     pub channels: Vec<u32>,
     /// Rms of one reading, uV.
     #[serde(default = "uv")]
@@ -65,7 +65,7 @@ impl Effect for ChannelNoiseSettings {
 #[derive(Debug)]
 pub(super) struct ChannelNoise {
     volts: f64,
-    /// One random stream per channel, so that the order of reading changes no number.
+    /// One random stream per channel, so that the numbers do not depend on the order of readings.
     channels: BTreeMap<Relay, ChaCha8Rng>,
 }
 

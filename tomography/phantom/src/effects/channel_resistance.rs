@@ -1,4 +1,4 @@
-//! Channel resistance: each pole of a relay adds an ohm or so, and a dirty one up to 50.
+//! Channel resistance: each pole of a relay adds about an ohm, and a dirty one up to 50.
 //!
 //! Each relay has its own constant resistance, ohm exp(s n). Some also have a film on the contact, which currents below
 //! 10 mA do not break. Below 1.5 ohm for armature and reed relays; dirt up to 50 ohm below 10 mA or after a week idle
@@ -51,7 +51,7 @@ impl Effect for ChannelResistanceSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // A divider with the voltmeter's input: two poles of a channel and two of the relay to the bus.
+        // two poles of a channel and two of the relay to the bus form a divider with the voltmeter's input
         let mean = self.ohm * (0.5 * self.std * self.std).exp();
         let each = mean + self.dirty_percent / 100.0 * self.dirty_ohm;
         let share = 4.0 * each / response.input_ohm();
@@ -75,7 +75,7 @@ struct ChannelResistance {
 impl OnWires for ChannelResistance {
     fn act(&mut self, relay: Relay, _closures: u64, _at: Duration, contact: &mut RelayContact) {
         let settings = &self.settings;
-        // One random stream per relay, so that the order of closing changes no number.
+        // one random stream per relay, so that the numbers do not depend on the order of closures
         let mut stream = stream(self.seed, &format!("channel-resistance {}", relay.0));
         let draw: f64 = StandardNormal.sample(&mut stream);
         let dirty: f64 = stream.random();

@@ -1,4 +1,4 @@
-//! Charge that a switching relay leaves behind: Q / C exp(-t / (R C)), t since a relay last moved.
+//! Charge injected by a switching relay: Q / C exp(-t / (R C)), t since a relay last moved.
 //!
 //! 1 to 50 pC into 10 to 100 pF and a kilohm: gone in less than a microsecond (fact sheet, section 2.2). Leave it out
 //! with a delay of 100 us or more.

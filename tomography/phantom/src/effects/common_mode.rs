@@ -1,7 +1,7 @@
 //! A share of the common-mode voltage appears in the reading: v + v_common 10^(-dB / 20).
 //!
 //! 140 dB at direct voltage with a kilohm of imbalance (fact sheet, section 2.1): 1e-7 of the common-mode voltage.
-//! Always negligible unless the guard is faulty.
+//! Negligible unless the guard is faulty.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -16,7 +16,8 @@ use crate::scan::ReadingContext;
 pub struct CommonModeSettings {
     /// Rejection, dB.
     pub db: f64,
-    /// Resistance over which the current lifts the sheet against earth, kohm: about half of the load of the source.
+    /// Resistance over which the current raises the sheet's potential against earth, kohm: about half of the source's
+    /// load.
     pub kohm: f64,
 }
 

@@ -1,6 +1,6 @@
 //! Contact drift: ln R_c of each electrode follows its own Ornstein-Uhlenbeck process.
 //!
-//! 1 to 30 % per day (fact sheet, section 2.3): the rms is reached over the time constant.
+//! 1 to 30 % per day (fact sheet, section 2.3). The drift approaches its rms within about one time constant.
 
 use std::time::Duration;
 

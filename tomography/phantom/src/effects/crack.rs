@@ -16,7 +16,7 @@ use super::{Effect, Effects, OnSheet, SheetResponse};
 pub struct CrackSettings {
     /// One end, mm.
     pub from_mm: [f64; 2],
-    /// The other, mm.
+    /// The other end, mm.
     pub to_mm: [f64; 2],
     /// Width, mm.
     #[serde(default = "width")]
@@ -55,7 +55,7 @@ impl Default for CrackSettings {
 }
 
 impl CrackSettings {
-    /// Removes this share of the final loss within the line's width.
+    /// Reduces the conductance within the line's width by this share of the final loss.
     fn cut(&self, share: f64, places: &[[f64; 2]], sigma: &mut [f64]) {
         let lost = self.loss_percent / 100.0 * share;
         let [from, to] = [self.from_mm, self.to_mm].map(|end| end.map(|mm| mm * 1e-3));
@@ -105,7 +105,7 @@ impl Effect for CrackSettings {
     }
 }
 
-/// Steps of the computed growth.
+/// Number of steps in which the growth is computed.
 const STEPS: f64 = 1000.0;
 
 impl OnSheet for CrackSettings {

@@ -1,10 +1,10 @@
 //! Creep: under a constant load the loss keeps growing; after the load is removed, part of it decays slowly.
 //!
 //! A Prony series for each triangle: a step of the log loss e (e = -ln(sigma / sigma_0), proportional to the strain)
-//! becomes e (1 + sum g_i (1 - exp(-t / tau_i))). The delayed parts h_i follow a straight input exactly,
-//! `h <- exp(-x) h + g (1 - exp(-x)) / x de` with x = dt / tau (a series below x = 1e-4), so any step size is exact. sum g = 0.1 to 0.4,
-//! tau 1 to 1e4 s, 10 to 30 % in an hour (fact sheet, section 2.4). Leave it out for frames within a second of each
-//! other. Remainders below 1e-13 are dropped.
+//! becomes e (1 + sum g_i (1 - exp(-t / tau_i))). The delayed parts h_i follow a straight input exactly, `h <- exp(-x)
+//! h + g (1 - exp(-x)) / x de` with x = dt / tau (a series below x = 1e-4), so any step size is exact. sum g = 0.1 to
+//! 0.4, tau 1 to 1e4 s, 10 to 30 % in an hour (fact sheet, section 2.4). Leave it out for frames within a second of
+//! each other. Delayed parts below 1e-13 are set to zero.
 
 use std::time::Duration;
 
@@ -71,7 +71,7 @@ impl Effect for CreepSettings {
     }
 }
 
-/// Remainder that is dropped once the input is constant.
+/// With a constant input a smaller delayed part is set to zero.
 const NOTHING: f64 = 1e-13;
 
 /// Mean of exp(-y) for y from 0 to x.
@@ -83,8 +83,9 @@ fn mean_decay(x: f64) -> f64 {
     }
 }
 
-/// One term of a Prony series over an interval in which its input changes linearly. The delayed part follows exactly, h
-/// <- exp(-x) h + g (1 - exp(-x)) / x de with x = dt / tau, for any x (fact sheet, section 2.4 and hard case 40).
+/// One term of a Prony series over an interval in which its input changes linearly. The delayed part h is updated
+/// exactly for any x: h <- exp(-x) h + g (1 - exp(-x)) / x de with x = dt / tau (fact sheet, section 2.4 and hard case
+/// 40).
 ///
 /// ```
 /// // a billion time constants leave nothing of what was held back, a billionth all of it
@@ -100,7 +101,7 @@ pub struct PronyStep {
 }
 
 impl PronyStep {
-    /// For a share g of the input, over x time constants (0 or more).
+    /// A step over x time constants (0 or more) for a term with the share g of the input.
     pub fn new(share: f64, x: f64) -> Self {
         Self {
             left: (-x).exp(),
@@ -108,13 +109,13 @@ impl PronyStep {
         }
     }
 
-    /// The delayed part at the end, from its value before and the change of the input.
+    /// The delayed part after the step, from its value before and the change of the input.
     pub fn held(self, before: f64, change: f64) -> f64 {
         self.left * before + self.fresh * change
     }
 }
 
-/// A sum of terms that grow under a load, each by itself.
+/// A sum of independent terms that grow under a load.
 #[derive(Debug)]
 pub(super) struct PronySeries {
     /// Share and time constant (s) of each term.
@@ -127,7 +128,7 @@ pub(super) struct PronySeries {
 }
 
 impl PronySeries {
-    /// Share and time constant (s) of each term, and how often the sheet is computed anew.
+    /// `terms`: share and time constant (s) of each term; `every`: interval at which the sheet is recomputed.
     pub(super) fn new(terms: Vec<[f64; 2]>, every: Duration) -> Self {
         Self {
             terms,
@@ -176,7 +177,7 @@ mod tests {
         losses[0]
     }
 
-    /// x - (1 - exp(-x)); by its series for small x, to avoid cancellation.
+    /// x - (1 - exp(-x)); for small x by its series, to avoid cancellation.
     fn lag(x: f64) -> f64 {
         if x > 0.1 {
             return x + (-x).exp_m1();
@@ -189,7 +190,7 @@ mod tests {
         sum
     }
 
-    /// The standard linear solid after a ramp of slope 1 from 0 on.
+    /// The response of the standard linear solid at time t to a ramp of slope 1 that starts at 0.
     fn after_ramp(share: f64, tau: f64, t: f64) -> f64 {
         t + share * tau * lag(t / tau)
     }
@@ -208,7 +209,7 @@ mod tests {
                 "{t}"
             );
         }
-        // and recovers
+        // the delayed part decays after the load is removed
         follow(&mut solid, 0.0, 0.0);
         let wanted = 0.5 * 0.3 * (1.0 - (-480.100001_f64 / 20.0).exp()) * (-0.5_f64).exp();
         assert!((follow(&mut solid, 10.0, 0.0) - wanted).abs() <= 1e-12);
@@ -216,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_triangle_creeps_as_the_standard_linear_solid() {
-        // A ramp up for 8 s and down again, in steps of any size, is a superposition of ramps.
+        // the response to a ramp up for 8 s and down again is a superposition of ramps, whatever the size of the steps
         let (share, tau) = (0.4, 3.0);
         for steps in [1, 7, 1000] {
             let mut solid = creep(share, tau);
@@ -240,13 +241,14 @@ mod tests {
         let mut worst = [0.0_f64; 3];
         for exponent in -9..=9 {
             let x = 10f64.powi(exponent);
-            // The input rises to 1 within x time constants and stays there for as many; `wanted` is the delayed
-            // response.
+            // the input rises to 1 within x time constants and remains there for x more; `wanted` is the delayed
+            // response
             let held = share * (1.0 - lag(x) / x);
             let wanted = [share - held, share - held * (-x).exp()];
             let mut solid = creep(share, 1.0);
             let ours = [0, 1].map(|_| follow(&mut solid, x, 1.0) - 1.0);
-            // h' = -h / tau + g e', explicit; and the exact form without the series for small x.
+            // for comparison: the explicit Euler scheme of h' = -h / tau + g e', and the exact form without the series
+            // for small x
             let euler = [0.0, share * x];
             let careless = share - share * (1.0 - (-x).exp()) / x;
             for k in 0..2 {
@@ -259,7 +261,7 @@ mod tests {
         println!("ours {ours:.1e}, Euler {euler:.1e}, without expm1 and series {careless:.1e}");
         assert!(ours <= 1e-10, "{ours}");
         assert!(euler > 1e8 && careless > 1e-9);
-        // A step of length zero gives a number, too.
+        // a step of length zero gives a finite number
         assert_eq!(follow(&mut creep(share, 1.0), 0.0, 1.0), 1.0);
         let x = 0.0_f64;
         assert!(((1.0 - (-x).exp()) / x).is_nan());

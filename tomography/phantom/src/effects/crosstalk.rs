@@ -1,8 +1,8 @@
 //! Crosstalk: a step of the driven wires reaches the measuring wires through the capacitance between them.
 //!
 //! C_x / (C_x + C) I R_load exp(-t / tau), tau = R_source (C_x + C), t since current or relays last changed, averaged
-//! over the integration: 10 to 100 pF into kilohms, gone in a microsecond (fact sheet, section 2.2). Leave it out with
-//! a delay of 100 us or more. `charge-injection` covers the charge of a relay's own drive.
+//! over the integration: with 10 to 100 pF and kilohms it decays within a microsecond (fact sheet, section 2.2). Leave
+//! it out with a delay of 100 us or more. `charge-injection` covers the charge of a relay's own drive.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;

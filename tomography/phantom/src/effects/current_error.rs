@@ -14,9 +14,9 @@ use crate::scan::ReadingContext;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CurrentErrorSettings {
-    /// Error of the current, %.
+    /// Error as a share of the current, %.
     pub gain_percent: f64,
-    /// Error of the range, %: 0.05 is 1 uA on 2 mA.
+    /// Error as a share of the range, %: 0.05 is 1 uA on 2 mA.
     pub offset_percent: f64,
 }
 
@@ -30,7 +30,7 @@ impl Default for CurrentErrorSettings {
 }
 
 impl CurrentErrorSettings {
-    /// Actual over requested current; sheet and wires are linear.
+    /// Ratio of the actual to the requested current; readings scale by it because sheet and wires are linear.
     fn times(&self, context: &ReadingContext) -> f64 {
         let (requested, range) = (context.flowing.0, context.source_range.0);
         if requested == 0.0 {

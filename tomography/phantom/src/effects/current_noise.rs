@@ -3,9 +3,9 @@
 //! 0.1 to 10 Hz, rms: 4 nA on 200 uA, 40 nA on 2 mA, 0.4 uA on 20 mA (fact sheet, section 2.2): 2e-5 of the range. It
 //! scales all readings at a given time by the same factor, so it matters most for large ones.
 //!
-//! Above 10 Hz, rms to the full bandwidth B: 0.2 uA on 200 uA, 1 uA on 2 mA, 4 uA on 20 mA, B = 1 MHz (specification of the
-//! 6221): 1000, 500, 200 ppm of the range. The integration T averages it: white up to B it leaves the share
-//! 1 / sqrt(2 B T), 5 nA of 1 uA in 20 ms.
+//! Above 10 Hz, rms to the full bandwidth B: 0.2 uA on 200 uA, 1 uA on 2 mA, 4 uA on 20 mA, B = 1 MHz (specification of
+//! the 6221): 1000, 500, 200 ppm of the range. The integration over T averages it: noise that is white up to B is
+//! reduced to the share 1 / sqrt(2 B T), 1 uA to 5 nA in 20 ms.
 
 use std::time::Duration;
 
@@ -24,7 +24,8 @@ use crate::scan::ReadingContext;
 pub struct CurrentNoiseSettings {
     /// Rms as a share of the source's range, parts per million.
     pub range_ppm: f64,
-    /// The same of the band above 10 Hz, before the integration averages it; 0 leaves it out.
+    /// Rms of the band above 10 Hz as a share of the source's range, parts per million, before the integration averages
+    /// it; 0 for none.
     pub wide_ppm: f64,
     /// Width of that band, kHz.
     pub wide_khz: f64,
@@ -93,7 +94,7 @@ impl CurrentNoise {
 
 impl OnReading for CurrentNoise {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        // Drawn even without current, so that an additional reading shifts no other number.
+        // drawn even without current, so that the other readings get the same numbers
         let draw: f64 = StandardNormal.sample(&mut self.stream);
         if context.flowing.0 == 0.0 {
             return volts;

@@ -16,10 +16,10 @@ use super::{Effect, Effects, OnContacts, SheetResponse};
 pub struct DetachmentSettings {
     /// Electrode, from 1.
     pub electrode: usize,
-    /// Start, s.
+    /// Start of the change, s.
     #[serde(default)]
     pub from_s: f64,
-    /// Duration, s; 0 for at once.
+    /// Duration of the change, s; 0 for a step.
     #[serde(default)]
     pub over_s: f64,
     /// Final contact resistance as a multiple of the original.
@@ -32,7 +32,7 @@ fn times() -> f64 {
 }
 
 impl Default for DetachmentSettings {
-    /// The first electrode, at once.
+    /// The first electrode, as a step.
     fn default() -> Self {
         Self {
             electrode: 1,
@@ -44,7 +44,7 @@ impl Default for DetachmentSettings {
 }
 
 impl DetachmentSettings {
-    /// Progress at a moment, s: 0 to 1.
+    /// Progress of the change at a time, s: 0 to 1.
     fn share(&self, at: f64) -> f64 {
         let gone = at - self.from_s;
         match gone {
@@ -95,7 +95,7 @@ impl Effect for DetachmentSettings {
     }
 }
 
-/// Steps of the computed change.
+/// Number of steps in which the change is computed.
 const STEPS: f64 = 200.0;
 
 impl OnContacts for DetachmentSettings {

@@ -1,10 +1,10 @@
-//! Electrodes beside their places, and wider or narrower than drawn.
+//! Errors of the position and the width of electrodes.
 //!
-//! Each is displaced by up to +-0.5 mm and its width is wrong by up to +-10 %, uniformly distributed (fact sheet,
-//! section 2.3): the unloaded readings change by percents. The nodes of the phantom's mesh move with the electrodes,
-//! weighted by the inverse square of the distance (Shepard 1968), so that each electrode has exactly its own error; the
-//! sheet's edge stays fixed. Electrodes on the edge move along it. The contact impedance (ohm m) stays the same, so a
-//! wider electrode has a smaller resistance.
+//! Each electrode is displaced by up to +-0.5 mm and its width differs by up to +-10 %, both uniformly distributed
+//! (fact sheet, section 2.3). The unloaded readings change by some percent. The nodes of the phantom's mesh move with
+//! the electrodes, weighted by the inverse square of the distance (Shepard 1968), so that each electrode has exactly
+//! its own error; the sheet's edge stays fixed. Electrodes on the edge move along it. The contact impedance (ohm m)
+//! stays the same, so a wider electrode has a smaller resistance.
 
 use eit::{Preset, SheetElectrode};
 use rand::RngExt;
@@ -89,8 +89,8 @@ impl OnMesh for ElectrodePlacement {
     }
 }
 
-/// Weights of the electrodes' errors at a point with these distances outside each: 1 at the electrode itself, 0 at
-/// another, and 0 from `reach` on.
+/// Weights of the electrodes' errors at a point; `outside` are the distances of the point from each electrode. The
+/// weight of an electrode is 1 on the electrode itself, 0 on any other, and 0 from `reach` on.
 fn weights(outside: &[f64], reach: f64) -> Vec<f64> {
     let nearest = outside.iter().copied().fold(f64::INFINITY, f64::min);
     if nearest == 0.0 {
@@ -109,7 +109,7 @@ fn on_sheet(sheet: &eit::PaperSheet, drawn: &[PlacementError], place: [f64; 2]) 
     let each = [sheet.electrodes_per_width, sheet.electrodes_per_height];
     let half = 0.5e-3 * sheet.void_mm;
     let pitch = (size[0] / each[0] as f64).min(size[1] / each[1] as f64);
-    // Extent of an electrode along x and y: one on the edge is a line.
+    // half extent of an electrode along x and y; an electrode on the edge is a line
     let across = |index: usize| match sheet.electrode {
         SheetElectrode::Void => [half, half],
         SheetElectrode::Edge => {
@@ -142,7 +142,7 @@ fn on_sheet(sheet: &eit::PaperSheet, drawn: &[PlacementError], place: [f64; 2]) 
         }
     }
     if sheet.electrode == SheetElectrode::Void {
-        // The sheet's own edge is fixed: the part between a void and the edge is stretched.
+        // the sheet's edge is fixed, so the part between a void and the edge is stretched
         for axis in 0..2 {
             let to_rim = place[axis].min(size[axis] - place[axis]).max(0.0);
             by[axis] *= (to_rim / (sheet.inset_mm * 1e-3 - half)).min(1.0);
@@ -165,7 +165,7 @@ fn on_tank(tank: &eit::DiscTank, drawn: &[PlacementError], place: [f64; 2]) -> [
             sin.atan2(cos)
         })
         .collect();
-    // Straight edges between points of the wall are slightly inside it.
+    // straight edges between points of the wall are slightly inside of it
     let inwards = if inwards < 1e-2 * half { 0.0 } else { inwards };
     let outside: Vec<f64> = away
         .iter()
@@ -238,7 +238,7 @@ mod tests {
                 let wider = moved.electrode_length(k) / drawn.electrode_length(k) - 1.0;
                 widest = widest.max(wider.abs());
             }
-            // 16 or more uniform draws of the seed: the largest is close to the bound and within it.
+            // the largest of 16 or more uniform draws is close to the bound and within it
             assert!((0.3e-3..0.501e-3).contains(&furthest), "{furthest}");
             assert!((0.08..0.1001).contains(&widest), "{widest}");
         }

@@ -1,7 +1,7 @@
 //! Piezoresistance of large strains: sigma_0 exp(-k e), e the strain across the foam.
 //!
-//! Never zero, never negative; for small strains it equals the gauge law with G = k (fact sheet, section 2.4). Replaces
-//! the loss p / (p + p_half); combine it with `foam`, or with a linear foam (`pressure.modulus_kpa`).
+//! The conductance remains above zero; for small strains the law equals the gauge law with G = k (fact sheet, section
+//! 2.4). Replaces the loss p / (p + p_half); combine it with `foam`, or with a linear foam (`pressure.modulus_kpa`).
 
 use serde::{Deserialize, Serialize};
 

@@ -2,8 +2,8 @@
 //!
 //! A monotone cubic through given points (Fritsch and Carlson 1980), starting at zero; beyond the last point the
 //! remaining thickness falls as 1 / p. Plateau at 2 to 10 kPa, Young's modulus 20 to 500 kPa (fact sheet, section 2.4).
-//! The conductance laws use this strain; p / (p + p_half), which uses none, takes the pressure that would cause it in a
-//! linear foam (`pressure.modulus_kpa`). Leave it out below a strain of 10 %.
+//! The conductance laws use this strain. The loss p / (p + p_half) depends on no strain; it uses the pressure that
+//! would cause this strain in a linear foam (`pressure.modulus_kpa`). Leave it out below a strain of 10 %.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,9 +15,9 @@ use crate::law::Foam;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FoamSettings {
-    /// Pressures, rising, kPa.
+    /// Pressures, ascending, kPa.
     pub kpa: Vec<f64>,
-    /// Strain at each, rising, %.
+    /// Strain at each pressure, ascending, %.
     pub strain_percent: Vec<f64>,
 }
 
@@ -65,7 +65,7 @@ impl Effect for FoamSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| {
             effects.foam = on.then(|| self.clone());
-            // `foam` and `log-law` exclude each other, so the scene's log law is left out while `foam` is on.
+            // `foam` and `log-law` exclude each other, so the scene's log law is removed for the solution with `foam`
             if on {
                 effects.log_law = None;
             }
@@ -114,7 +114,7 @@ mod tests {
                 last = strain;
             }
         }
-        // A straight line stays one.
+        // points on a straight line give a straight line
         let straight = Foam::new(&[1.0, 2.0, 4.0], &[10.0, 20.0, 40.0]);
         assert!((straight.strain(2.7) - 0.27).abs() < 1e-15);
     }

@@ -1,9 +1,9 @@
 //! Hysteresis: at the same load the sheet shows more loss during unloading than during loading.
 //!
-//! Prandtl and Ishlinskii, for each triangle: y = q x + sum w F_r[x] over eight play operators F_r[x] = max(x - r,
-//! min(x + r, F_r)), x the log loss, r evenly spaced up to half of the full scale, all w equal and >= 0, q such that
-//! the full scale is preserved on first loading. 5 to 25 % of full scale; 24.2 % observed on a conductive-fibre sensor
-//! (fact sheet, section 2.4). Leave it out under monotone loading.
+//! The model of Prandtl and Ishlinskii for each triangle: y = q x + sum w F_r[x] over eight play operators F_r[x] =
+//! max(x - r, min(x + r, F_r)). x is the log loss, r is evenly spaced up to half of the full scale, all w are equal and
+//! >= 0, and q preserves the full scale on first loading. 5 to 25 % of full scale; 24.2 % observed on a
+//! conductive-fibre sensor (fact sheet, section 2.4). Leave it out under monotone loading.
 
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +49,7 @@ impl Effect for HysteresisSettings {
 /// Number of play operators.
 const PLAYS: usize = 8;
 
-/// A play operator's output for its next input: it follows once the input has moved by more than `threshold`.
+/// The output of a play operator for its next input: it follows the input at a distance of at most `threshold`.
 fn play(threshold: f64, last: f64, input: f64) -> f64 {
     (input - threshold).max((input + threshold).min(last))
 }
@@ -68,8 +68,8 @@ impl Hysteresis {
         let full = -(-settings.full_percent / 100.0).ln_1p();
         let thresholds: [f64; PLAYS] =
             std::array::from_fn(|k| 0.5 * full * (k + 1) as f64 / PLAYS as f64);
-        // Back at half of the full scale an operator is at min(full - r, full / 2 + r), on first loading at full / 2 -
-        // r: the loop is min(full / 2, 2 r) wide there.
+        // at half of the full scale an operator is at full / 2 - r on first loading and at min(full - r, full / 2 + r)
+        // on unloading, so the loop is min(full / 2, 2 r) wide there
         let wide: f64 = thresholds.iter().map(|r| (2.0 * r).min(0.5 * full)).sum();
         let weight = settings.percent / 100.0 * full / wide;
         let kept: f64 = thresholds.iter().map(|r| weight * (full - r) / full).sum();
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn a_play_operator_answers_a_triangle_as_its_closed_form() {
-        // Up to 1, down to -1, up again, in uneven steps; r = 0.3.
+        // the input rises to 1, falls to -1 and rises again in uneven steps; r = 0.3
         let r = 0.3;
         let mut state = 0.0;
         let mut t = 0.0_f64;
@@ -135,7 +135,7 @@ mod tests {
             };
             assert!((state - wanted).abs() <= 1e-12, "{t}: {state} {wanted}");
         }
-        // A step is followed in one update.
+        // a step of the input takes one update
         assert!((play(r, 0.0, 2.0) - 1.7).abs() <= 1e-12);
         assert!((play(r, 1.7, 1.5) - 1.7).abs() <= 1e-12);
         assert!((play(r, 1.7, -2.0) + 1.7).abs() <= 1e-12);
@@ -156,7 +156,7 @@ mod tests {
             let back = follow(&mut hysteresis, 0.5 * full);
             let width = (back - there) / full;
             assert!((width - percent / 100.0).abs() <= 1e-12, "{width}");
-            // A remainder stays after unloading; a full swing in the other direction removes it.
+            // a residual loss remains after unloading, until a full swing in the other direction removes it
             assert!(follow(&mut hysteresis, 0.0) > 0.0);
         }
     }

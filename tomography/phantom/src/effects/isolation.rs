@@ -1,8 +1,8 @@
 //! Leakage between wires: every electrode has a resistance to a common earth.
 //!
-//! More than 10 Gohm in a healthy module, 1 to 100 Mohm in a humid fault (fact sheet, section 2.2). With admittance
-//! Y = pseudo-inverse of Z, the network becomes Y + G (1 - 11^T / n), G the conductance to earth: in Z's own mean-free
-//! space its inverse is Z (1 + G Z)^-1.
+//! More than 10 Gohm in a healthy module, 1 to 100 Mohm in a humid fault (fact sheet, section 2.2). With the admittance
+//! Y, the pseudo-inverse of Z, and the conductance G to earth, the network becomes Y + G (1 - 11^T / n). Its inverse in
+//! the mean-free space of Z is Z (1 + G Z)^-1.
 
 use std::time::Duration;
 
@@ -31,7 +31,7 @@ impl IsolationSettings {
         let leak = 1.0 / (self.mohm * 1e6);
         let size = z.nrows();
         let both = DMatrix::identity(size, size) + &*z * leak;
-        // Z is positive on mean-free currents and zero on the others: 1 + G Z always has an inverse.
+        // Z is positive on mean-free currents and zero on the others, so 1 + G Z always has an inverse
         if let Some(solved) = both.lu().solve(&*z) {
             *z = (&solved + solved.transpose()) * 0.5;
         }

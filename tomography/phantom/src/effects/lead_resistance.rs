@@ -1,7 +1,7 @@
 //! Lead resistance: the wires between the source and the relays.
 //!
-//! Only in the source's loop, where it counts towards compliance; the four-wire connection keeps it out of the readings
-//! (fact sheet, section 2.2). 10 m of 0.14 mm2 copper are 1.2 ohm.
+//! It acts only in the source's loop, where it counts towards compliance; because of the four-wire connection it does
+//! not change readings (fact sheet, section 2.2). 10 m of 0.14 mm2 copper are 1.2 ohm.
 
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ impl Effect for LeadResistanceSettings {
     }
 
     fn predict(&self, _response: &dyn SheetResponse) -> f64 {
-        // Zero in every reading: below compliance the source drives its current regardless.
+        // no reading changes: below compliance the current does not depend on the resistance
         0.0
     }
 

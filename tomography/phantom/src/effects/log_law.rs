@@ -1,8 +1,8 @@
 //! The law of force-sensing films: R = R_0 (1 - s log10(p / p_0)) from p_0 on.
 //!
-//! Unlike foam, the film conducts better under pressure: its loss is negative. For some films resistance falls by one
-//! decade per decade of pressure (fact sheet, section 2.4: other films). R stays above 1 % of R_0. Replaces the loss p
-//! / (p + p_half) and depends on the pressure itself.
+//! Unlike foam, the film conducts better under pressure: its loss is negative. The resistance of some films falls by
+//! one decade per decade of pressure (fact sheet, section 2.4: other films). R stays above 1 % of R_0. The law replaces
+//! the loss p / (p + p_half) and depends on the pressure, not on the strain.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ use crate::law::Conduction;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LogLawSettings {
-    /// Loss of resistance for ten times the pressure, % of the unloaded film's.
+    /// Decrease of the resistance per decade of pressure, % of the unloaded film's resistance.
     pub percent_per_decade: f64,
     /// No effect below this pressure, kPa.
     pub from_kpa: f64,
@@ -59,7 +59,7 @@ impl Effect for LogLawSettings {
     }
 }
 
-/// Smallest remaining share of the resistance.
+/// Lower limit of the resistance as a share of the unloaded film's.
 const FLOOR: f64 = 0.01;
 
 impl Conduction for LogLawSettings {

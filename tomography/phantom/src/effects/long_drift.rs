@@ -1,4 +1,4 @@
-//! Drift over hours to months: wandering on every time scale, a random walk, and running in.
+//! Drift over hours to months: fluctuations on every time scale, a random walk, and running-in.
 //!
 //! ln(sigma) = sum of Ornstein-Uhlenbeck processes with time constants an octave and a half apart from 1 h to 30 d
 //! (about 1/f) + a random walk of 0.01 to 0.1 % per square root of a day + running-in, 1 to 10 % that decay
@@ -21,13 +21,13 @@ const HOURS: [f64; 7] = [1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 720.0];
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LongDriftSettings {
-    /// Rms of all the wandering together, %.
+    /// Rms of the sum of the Ornstein-Uhlenbeck processes, %.
     pub wander_percent: f64,
     /// Random walk, % per square root of a day.
     pub walk_percent: f64,
     /// Running-in: total gain of conductance, %.
     pub running_in_percent: f64,
-    /// Its time constant, d.
+    /// Time constant of the running-in, d.
     pub running_in_days: f64,
     /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
@@ -62,7 +62,7 @@ impl Effect for LongDriftSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // The variance of each part depends on time in its own way.
+        // the variances of the parts depend on time differently
         let size = response.over_time(&|at| {
             let days = at / 86_400.0;
             let ran_in = -self.running_in_percent * (-days / self.running_in_days).exp_m1();
@@ -83,7 +83,7 @@ pub(super) struct LongDrift {
     walk: RandomWalk,
 }
 
-/// A random walk whose deviation grows with the square root of time; time must not decrease.
+/// A random walk whose standard deviation grows with the square root of time; time must not decrease.
 #[derive(Debug)]
 struct RandomWalk {
     stream: ChaCha8Rng,

@@ -1,8 +1,8 @@
-//! Mains in the leads: the mean of a sin(2 pi f t + phase) and its harmonics over the integration time.
+//! Mains pickup in the leads: the mean of a sin(2 pi f t + phase) and its third harmonic over the integration time.
 //!
-//! Over T = NPLC / f_line the mean of a sine is a sinc(f T), which is zero for whole f T, that is from one cycle up,
-//! and only as far as the mains keep their frequency: 60 dB rejection at +-0.1 %, 40 dB at +-1 %, none below one cycle
-//! (fact sheet, section 2.1). The phase follows from the reading's time.
+//! The mean of a sine over T = NPLC / f_line is a sinc(f T). It is zero if f T is a whole number, which requires at
+//! least one cycle and the nominal mains frequency: the rejection is 60 dB at +-0.1 %, 40 dB at +-1 %, and none below
+//! one cycle (fact sheet, section 2.1). The phase is derived from the reading's time.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -19,11 +19,11 @@ use crate::scan::ReadingContext;
 pub struct MainsPickupSettings {
     /// Amplitude of the fundamental, mV.
     pub mv: f64,
-    /// Amplitude of the third harmonic as a share of it.
+    /// Amplitude of the third harmonic as a share of the fundamental's.
     pub third: f64,
-    /// Nominal mains frequency, by which the voltmeter counts its cycles, Hz.
+    /// Nominal mains frequency, which defines the voltmeter's cycles, Hz.
     pub line_hz: f64,
-    /// Deviation of the mains from it, %.
+    /// Deviation of the mains from the nominal frequency, %.
     pub off_percent: f64,
 }
 
@@ -49,7 +49,7 @@ impl Effect for MainsPickupSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // All phases are equally likely: the rms of a sine is its amplitude over the root of two.
+        // all phases are equally likely, so the rms of a sine is its amplitude over the root of two
         let time = response.scan().integration().as_secs_f64();
         let mains = self.line_hz * (1.0 + self.off_percent / 100.0);
         let both = kept(mains, time).hypot(self.third * kept(3.0 * mains, time));
@@ -61,7 +61,7 @@ impl Effect for MainsPickupSettings {
     }
 }
 
-/// Attenuation of a sine's amplitude by averaging over a time (s).
+/// Factor of a sine's amplitude by averaging over `time`, s.
 fn kept(hz: f64, time: f64) -> f64 {
     let half = PI * hz * time;
     if half == 0.0 { 1.0 } else { half.sin() / half }

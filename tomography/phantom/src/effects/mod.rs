@@ -1,11 +1,11 @@
-//! Imperfections of the simulated sheet and its wiring. None is active unless a scene names it. One file per effect:
-//! physics, formula, source.
+//! Imperfections of the simulated sheet and its wiring. None is active unless a scene names it. Each effect has one
+//! file, with its physics, formula and source.
 //!
 //! An effect acts on the electrodes' positions, on the law from pressure to conductance, on the loss under loads, on
 //! the sheet's conductance, on the contacts, on the network between the electrodes, on the wires to the instruments, or
-//! on a reading. A scene keeps one list for each of these kinds, so an effect that is not named costs nothing. Each has
-//! its own random stream. Effects on sheet, contacts or network have an **epoch** that changes with their state; while
-//! it is the same, the solution is reused.
+//! on a reading. A scene has one list for each of these kinds, so an effect that is not named takes no computing time.
+//! Each effect has its own random stream. Effects on sheet, contacts or network have an **epoch** that changes with
+//! their state; while it is the same, the solution is reused.
 //!
 //! Compliance is not an effect: the simulated 6221 clamps at its own voltage limit.
 
@@ -76,7 +76,7 @@ pub(crate) use response::{SheetChange, SheetResponse, UnloadedReading};
 use crate::law::{Conduction, Foam, Law, Pressure};
 use crate::scan::ReadingContext;
 
-/// Values of the context that the scene's effects need and that cost a computation.
+/// Values of the reading's context that must be computed because an effect of the scene uses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Needs {
     /// [`ReadingContext::source_resistance`].
@@ -87,24 +87,24 @@ pub struct Needs {
 
 /// An effect as named by a scene: its parameters, their ranges, its prediction and its action.
 pub(crate) trait Effect: fmt::Debug {
-    /// The first parameter outside its physical range.
+    /// The error for the first parameter outside its physical range.
     fn check(&self) -> Result<(), ParameterFault>;
 
-    /// The first parameter that does not fit a sheet with this number of electrodes.
+    /// The error for the first parameter that does not fit a sheet with this number of electrodes.
     fn check_on(&self, _electrodes: usize) -> Result<(), ParameterFault> {
         Ok(())
     }
 
-    /// Predicted size: rms over the readings and frames of a scan, V, from formulas, without running it. For effects
+    /// Predicted size: rms over the readings and frames of a scan, V, from formulas, without a simulation. For effects
     /// with random draws, the average over seeds.
     fn predict(&self, response: &dyn SheetResponse) -> f64;
 
-    /// For faults: the event that is assumed. A scene without faults is not reported as incomplete.
+    /// For an effect that is a fault: the event that the prediction assumes. A scene is complete without faults.
     fn assumes(&self) -> Option<String> {
         None
     }
 
-    /// Adds itself to the active effects, with its own random stream if it draws.
+    /// Adds the effect to the active ones, with its own random stream if it draws.
     fn add(&self, seed: u64, effects: &mut Effects);
 }
 
@@ -131,10 +131,11 @@ macro_rules! effects {
         }
 
         impl EffectSettings {
-            /// Name, as scenes write it, and description of every effect.
+            /// Name in scenes and description of every effect.
             pub const ALL: &[(&str, &str)] = &[$(($name, $what)),+];
 
-            /// Every effect with name, description and whether it is named; with its usual parameters if it is not.
+            /// Every effect with name, description, and whether the scene names it; effects that are not named have
+            /// their default parameters.
             pub(crate) fn with_usual(&self) -> Vec<EffectEntry> {
                 vec![$((
                     $name,
@@ -253,7 +254,7 @@ impl EffectSettings {
     /// Checks the parameters of all named effects.
     ///
     /// # Errors
-    /// The first parameter out of range: the effect's name as scenes write it, the key, and what is allowed.
+    /// The first parameter out of range: the effect's name in scenes, the key, and what is allowed.
     pub fn check(&self) -> Result<(), (&'static str, ParameterFault)> {
         self.named()
             .try_for_each(|(name, effect)| effect.check().map_err(|fault| (name, fault)))
@@ -273,7 +274,7 @@ impl EffectSettings {
     }
 }
 
-/// Pairs of effects that a scene cannot combine, and why.
+/// Pairs of effects that a scene cannot combine, and the reason.
 const CONTRADICTING: [(&str, &str, &str); 5] = [
     (
         "gauge-law",
@@ -311,7 +312,7 @@ impl EffectSettings {
             .find(|name| laws.contains(name))
     }
 
-    /// Two effects that contradict each other: the later in the list, the other, and why.
+    /// Two effects that exclude each other: the later one in the list, the other one, and the reason.
     pub(crate) fn contradiction(&self) -> Option<(&'static str, &'static str, &'static str)> {
         let named: Vec<&str> = self.named().map(|(name, _)| name).collect();
         CONTRADICTING
@@ -321,7 +322,7 @@ impl EffectSettings {
     }
 }
 
-/// The effects of a scene, by what they act on, in order.
+/// The effects of a scene in one list for each quantity on which they act, in order.
 #[derive(Debug, Default)]
 pub(crate) struct Effects {
     pub(crate) mesh: Vec<Box<dyn OnMesh>>,
@@ -377,7 +378,8 @@ impl Effects {
     }
 }
 
-/// An effect's own random stream: adding an effect never changes another's numbers.
+/// The random stream of an effect. It depends on the seed and the effect's name only, so adding an effect does not
+/// change the numbers of others.
 fn stream(seed: u64, effect: &str) -> ChaCha8Rng {
     let mut hasher = Sha256::new();
     hasher.update(seed.to_le_bytes());
@@ -417,7 +419,7 @@ mod tests {
         }
     }
 
-    /// Readings and solutions loop over these lists only, so an absent effect costs nothing, not even a check.
+    /// Readings and solutions iterate over these lists only, so an absent effect needs not even a check.
     #[test]
     fn a_scene_calls_the_effects_that_it_names_and_nothing_else() {
         let calls = |settings: &EffectSettings| {

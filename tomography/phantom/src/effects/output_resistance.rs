@@ -1,7 +1,7 @@
 //! The source's output resistance takes a share of the current: I / (1 + R_load / R_out).
 //!
-//! More than 1e14 ohm on the lowest ranges, about 1e10 in effect at a milliampere from the load regulation of 0.01 % of
-//! range (fact sheet, section 2.2). Almost always negligible.
+//! More than 1e14 ohm on the lowest ranges; at a milliampere effectively about 1e10 ohm, from the load regulation of
+//! 0.01 % of range (fact sheet, section 2.2). Almost always negligible.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;

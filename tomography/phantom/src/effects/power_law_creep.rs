@@ -1,10 +1,11 @@
 //! Power-law creep: under a constant load the loss grows by the same factor in every decade of time.
 //!
 //! Stress relaxes as t^-n, strain grows as t^n, n = 0.02 to 0.1 (fact sheet, section 2.4): a step of the log loss e
-//! becomes e (1 + t / t_0)^n, without a final time constant. Changes are superposed (Boltzmann), so a load's trail
-//! recovers as slowly. The law is approximated by a sum of exponentials, from (1 + s)^n = 1 + n / Gamma(1 - n) int
-//! u^(-n-1) e^-u (1 - e^-su) du by the trapezoid rule in ln u, three points per decade: within 1e-5 for t up to a
-//! century, with each exponential exact for any step as in `creep`.
+//! becomes e (1 + t / t_0)^n, without a final time constant. Changes are superposed (Boltzmann), so the loss decays as
+//! slowly after the load is removed. The law is approximated by a sum of exponentials: (1 + s)^n is 1 plus
+//! n / Gamma(1 - n) times the integral of u^(-n-1) e^-u (1 - e^-su) du, computed by the trapezoid rule in ln u with three
+//! points per decade. The error is below 1e-5 for t up to a century. The update of each exponential is exact for any
+//! step, as in `creep`.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +19,7 @@ use super::{Effect, Effects, SheetResponse};
 pub struct PowerLawCreepSettings {
     /// n: the loss grows by 10^n per decade of time.
     pub exponent: f64,
-    /// t_0, the time before which it does not grow, s.
+    /// t_0, the time up to which the loss hardly grows, s.
     pub from_s: f64,
     /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
@@ -34,16 +35,16 @@ impl Default for PowerLawCreepSettings {
     }
 }
 
-/// Longest time covered, s: a century.
+/// Longest time for which the approximation holds, s: a century.
 const LONGEST: f64 = 3.2e9;
-/// Points per decade.
+/// Number of points of the integral per decade.
 const POINTS: f64 = 3.0;
 
 impl PowerLawCreepSettings {
     /// Share and time constant (s) of the exponentials that approximate the law.
     fn terms(&self) -> Vec<[f64; 2]> {
         let step = std::f64::consts::LN_10 / POINTS;
-        // e^-u is negligible beyond e^4; below t_0 / LONGEST the exponentials have not started.
+        // e^-u is negligible for u beyond e^4; terms with u far below t_0 / LONGEST do not grow within the longest time
         let lowest = (self.from_s / LONGEST).ln() - 5.0 * std::f64::consts::LN_10;
         let count = ((4.0 - lowest) / step).ceil() as u32;
         let front = self.exponent / gamma(1.0 - self.exponent);
@@ -57,7 +58,7 @@ impl PowerLawCreepSettings {
     }
 }
 
-/// Gamma of 0.5 to 1, by Stirling's series of x + 8.
+/// Gamma function for 0.5 to 1, by Stirling's series at x + 8.
 fn gamma(x: f64) -> f64 {
     let y = x + 8.0;
     let series = 1.0 / (12.0 * y) - 1.0 / (360.0 * y.powi(3)) + 1.0 / (1260.0 * y.powi(5));

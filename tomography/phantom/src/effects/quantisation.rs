@@ -1,6 +1,7 @@
 //! Steps of the voltmeter's converter: a reading is rounded to the nearest multiple of a step.
 //!
-//! The step is fixed, or the voltmeter's resolution at its integration time. The instrument handles overload.
+//! The step is fixed, or equal to the voltmeter's resolution at its integration time. Overload is simulated by the
+//! instrument.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -13,7 +14,7 @@ use crate::scan::ReadingContext;
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct QuantisationSettings {
-    /// Fixed step, uV; by default it follows from range and NPLC.
+    /// Fixed step, uV; by default derived from range and NPLC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step_uv: Option<f64>,
 }
@@ -34,7 +35,7 @@ impl Effect for QuantisationSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // Uniform between two steps, but signals below half a step are lost completely.
+        // the rounding error is uniform between two steps; signals below half a step are lost completely
         response.rms(&|sight| match self.step(&sight.context) {
             step if sight.exact.abs() < 0.5 * step => sight.exact,
             step => step / 12_f64.sqrt(),

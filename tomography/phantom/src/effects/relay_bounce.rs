@@ -2,9 +2,9 @@
 //!
 //! The voltmeter sees no signal until `operate_ms` after the instrument reports that its relays have moved; during the
 //! next `bounce_ms` the path conducts for a random share of the time; a reading is the mean over its integration.
-//! Armature relays take 4 to 10 ms, reeds 0.5 to 1 ms, and bounce for 0.5 to 3 ms (fact sheet, section 2.2). The
-//! mainframe reports after its own settling time, a scan and the multiplexer board at once: the time counts from the
-//! report. A floating input reads zero. Leave it out with a delay of twice the operate time.
+//! Armature relays operate in 4 to 10 ms, reed relays in 0.5 to 1 ms, and both bounce for 0.5 to 3 ms (fact sheet,
+//! section 2.2). The time counts from the report: the mainframe reports after its own settling time, a scan and the
+//! multiplexer board immediately. A floating input reads zero. Leave it out with a delay of twice the operate time.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -19,9 +19,9 @@ use crate::scan::ReadingContext;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RelayBounceSettings {
-    /// Until the contact closes for the first time, ms.
+    /// Time until the contact closes for the first time, ms.
     pub operate_ms: f64,
-    /// From then until it stays closed, ms.
+    /// Time from then until the contact remains closed, ms.
     pub bounce_ms: f64,
 }
 
@@ -35,7 +35,7 @@ impl Default for RelayBounceSettings {
 }
 
 impl RelayBounceSettings {
-    /// Shares of the integration during which the contact bounces, and during which it stays closed.
+    /// Shares of the integration during which the contact bounces, and during which it remains closed.
     fn shares(&self, context: &ReadingContext) -> [f64; 2] {
         let [operate, bounce] = [self.operate_ms * 1e-3, self.bounce_ms * 1e-3];
         let begin = context.settled().as_secs_f64();
@@ -64,7 +64,7 @@ impl Effect for RelayBounceSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| {
             let [bouncing, closed] = self.shares(&sight.context);
-            // The share of conduction during bounce is uniform between 0 and 1, with that mean and variance.
+            // the conducting share of the bounce is uniform between 0 and 1: mean 1/2, variance 1/12
             let missing = 1.0 - closed - 0.5 * bouncing;
             sight.exact * (missing * missing + bouncing * bouncing / 12.0).sqrt()
         })
@@ -86,7 +86,7 @@ struct RelayBounce {
 
 impl OnReading for RelayBounce {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        // Drawn even if the contact no longer bounces, so that an additional reading shifts no other number.
+        // drawn even if the contact no longer bounces, so that the other readings get the same numbers
         let share: f64 = self.stream.random();
         let [bouncing, closed] = self.settings.shares(context);
         Volts(volts.0 * (share * bouncing + closed))
@@ -127,7 +127,7 @@ mod tests {
         let bouncing = shares(5_000, 0.02);
         let mean = bouncing.iter().sum::<f64>() / 4000.0;
         assert!((mean - 0.5).abs() < 0.02, "{mean}");
-        // 20 ms from the beginning: 14 ms closed, 2 ms at half on average
+        // 20 ms from the start: closed for 14 ms, and bouncing for 2 ms, half of which conducts on average
         let long = shares(0, 1.0);
         let mean = long.iter().sum::<f64>() / 4000.0;
         assert!((mean - 0.75).abs() < 0.002, "{mean}");

@@ -13,13 +13,13 @@ pub(crate) type SheetChange<'a> = dyn Fn(&[[f64; 2]], &mut [f64], &mut [f64]) + 
 pub(crate) struct UnloadedReading {
     /// V
     pub(crate) exact: f64,
-    /// How it is taken in the first frame.
+    /// Conditions of the reading in the first frame.
     pub(crate) context: ReadingContext,
 }
 
-/// Response of an unloaded sheet's readings to changes of sheet, contacts, network and loads.
+/// Response of an unloaded sheet's readings to changes of sheet, contacts, network and loads; rms over the readings, V.
 pub(crate) trait SheetResponse {
-    /// How readings are taken.
+    /// Settings of the acquisition.
     fn scan(&self) -> &Scan;
 
     /// Rms of a quantity over the readings of a frame.
@@ -41,8 +41,8 @@ pub(crate) trait SheetResponse {
     /// Rms change of the readings by a change of the network between the electrodes (ohm), V.
     fn network(&self, change: &dyn Fn(&mut DMatrix<f64>)) -> f64;
 
-    /// The same for a change of conductances (S, at centroids in m) and contacts (ohm m), by one solution; infinite if
-    /// it cannot be solved.
+    /// Rms change of the readings by a change of conductances (S, at centroids in m) and contacts (ohm m), V, by one
+    /// forward solution; infinite if the changed sheet cannot be solved.
     fn solved(&self, change: &SheetChange<'_>) -> f64;
 
     /// Change of the readings by an effect on the loads: rms over some frames of the scene's loads, solved with the

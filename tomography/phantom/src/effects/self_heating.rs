@@ -1,8 +1,9 @@
 //! Self-heating: the injected current warms the sheet, and the sheet's resistance follows.
 //!
-//! v / (1 - alpha dT), dT the mean warming: C d(dT)/dt = I² R - dT / R_th, solved exactly from reading to reading. The
-//! power is that of the reading since current or relays last changed, and zero before. 1 mW over 492 cm2 (fact sheet,
-//! section 2.3); with 10 W / (m2 K) on both sides R_th is 1 degC / W: 2e-6 of a reading. Leave it out up to 5 mA.
+//! The reading is v / (1 - alpha dT) with the mean warming dT: C d(dT)/dt = I² R - dT / R_th, solved exactly from
+//! reading to reading. The power is that of the reading since current or relays last changed, and zero before. 1 mW
+//! over 492 cm2 (fact sheet, section 2.3); with 10 W / (m2 K) on both sides R_th is 1 degC / W: 2e-6 of a reading.
+//! Leave it out up to 5 mA.
 
 use std::time::Duration;
 
@@ -50,7 +51,7 @@ impl Effect for SelfHeatingSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // From the start, or from the middle of a scan without pauses.
+        // duration of the heating before a frame: zero with pauses between frames, otherwise half of the scan
         let scan = response.scan();
         let warm = if scan.every > scan.frame_time() {
             0.0
@@ -93,7 +94,7 @@ impl OnReading for SelfHeating {
         self.warmer *= (-over(past - heated)).exp();
         let end = self.settings.c_per_w * power;
         self.warmer += (end - self.warmer) * -(-over(heated)).exp_m1();
-        // The model holds for small changes; the floor keeps impossible warming finite.
+        // the model is valid for small changes; the lower limit keeps the result finite for impossible warming
         let left = (1.0 - self.settings.percent_per_c / 100.0 * self.warmer).max(0.1);
         Volts(volts.0 / left)
     }
@@ -128,7 +129,7 @@ mod tests {
             };
             1.0 / effects.reading(Volts(1.0), &context).0
         };
-        // 2 mW warm the sheet by 2 degC in the end
+        // the final warming by 2 mW is 2 degC
         for seconds in [0, 7, 50, 51, 2000] {
             let warmer = 2.0 * (1.0 - (-(seconds as f64) / 50.0).exp());
             let wanted = 1.0 + 0.002 * warmer;

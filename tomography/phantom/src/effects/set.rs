@@ -1,4 +1,4 @@
-//! Set: foam that was pressed many times does not recover completely.
+//! Compression set: foam that was pressed many times does not recover completely.
 //!
 //! Each triangle keeps s log10(1 + n) of its largest log loss, n the number of load cycles: 1 to 5 % (fact sheet,
 //! section 2.4). A cycle is counted when the loss rises through half of its maximum after having been below a tenth of
@@ -13,9 +13,9 @@ use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SetSettings {
-    /// Remaining share of the largest log loss per decade of cycles, %.
+    /// Permanent loss per decade of cycles, % of the largest log loss.
     pub percent_per_decade: f64,
-    /// Cycles of every pressed triangle before the start.
+    /// Number of cycles of every pressed triangle before the start.
     pub behind_cycles: f64,
 }
 

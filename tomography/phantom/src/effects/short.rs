@@ -1,7 +1,8 @@
-//! A short between two electrodes: 0.1 to 10 ohm between them, from a given moment on.
+//! A short between two electrodes: 0.1 to 10 ohm between them, from a given time on.
 //!
 //! A resistor R between electrodes a and b is a rank-one change of a network's transfer impedance Z: Z - (Z d)(Z d)^T /
-//! (R + d^T Z d), d = e_a - e_b. Exact (fact sheet, section 2.3; a fault, absent from a healthy sheet).
+//! (R + d^T Z d), d = e_a - e_b. The formula is exact (fact sheet, section 2.3). A short is a fault, absent from a
+//! healthy sheet.
 
 use std::time::Duration;
 
@@ -23,7 +24,7 @@ pub struct ShortSettings {
     /// Start, s.
     #[serde(default)]
     pub from_s: f64,
-    /// End, s; never by default.
+    /// End, s; `None` for no end.
     pub to_s: Option<f64>,
 }
 
@@ -32,7 +33,7 @@ fn ohm() -> f64 {
 }
 
 impl Default for ShortSettings {
-    /// The first two electrodes, for good.
+    /// The first two electrodes, without an end.
     fn default() -> Self {
         Self {
             electrodes: [1, 2],
@@ -44,7 +45,7 @@ impl Default for ShortSettings {
 }
 
 impl ShortSettings {
-    /// Whether the short exists at a moment, s.
+    /// Whether the short exists at a time, s.
     fn is_on(&self, at: f64) -> bool {
         at >= self.from_s && self.to_s.is_none_or(|to| at < to)
     }
@@ -117,7 +118,7 @@ mod tests {
 
     #[test]
     fn a_resistor_beside_a_resistor() {
-        // Two electrodes connected by 300 ohm: Z = 75 [[1, -1], [-1, 1]] in the mean-zero gauge.
+        // two electrodes connected by 300 ohm: Z = 75 [[1, -1], [-1, 1]] with zero mean potential
         let mut z = DMatrix::from_row_slice(2, 2, &[75.0, -75.0, -75.0, 75.0]);
         let mut short = ShortSettings {
             electrodes: [1, 2],

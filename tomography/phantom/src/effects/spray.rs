@@ -2,7 +2,7 @@
 //!
 //! Standard deviation 0.05 to 0.3, correlation length 10 to 60 mm, nu 1 to 2 (fact sheet, section 2.3). The field is a
 //! sum of waves with wave numbers drawn from the Matern spectrum (in the plane: k = sqrt(2 nu) / l sqrt(U^(-1/nu) -
-//! 1)), so it is the same field on every mesh. It changes readings by about 10 % and cancels, to first order, in
+//! 1)), so it is the same field on every mesh. It changes readings by about 10 %, and to first order it cancels in
 //! difference imaging.
 
 use std::f64::consts::{SQRT_2, TAU};
@@ -60,7 +60,8 @@ impl Effect for SpraySettings {
     }
 }
 
-/// The covariance by distance (m): the mean of cos(k x) over the spectrum, sampled at the midpoints of equal shares.
+/// The covariance as a function of the distance (m): the mean of cos(k x) over the spectrum, sampled at the midpoints
+/// of intervals of equal probability.
 fn spectrum(settings: &SpraySettings) -> impl Fn(f64) -> f64 {
     const SHARES: usize = 64;
     const TURNS: usize = 16;
@@ -84,7 +85,7 @@ fn spectrum(settings: &SpraySettings) -> impl Fn(f64) -> f64 {
             .sum();
         std * std * sum / (SHARES * TURNS) as f64
     };
-    // Steps of a twentieth of the length, until the covariance vanishes.
+    // tabulated in steps of a twentieth of the correlation length, until the covariance vanishes
     let step = 0.05 * length;
     let table: Vec<f64> = (0..400).map(|k| exact(k as f64 * step)).collect();
     move |distance| {
@@ -111,7 +112,7 @@ impl Spray {
         let waves = (0..WAVES)
             .map(|_| {
                 let [share, turn, phase]: [f64; 3] = [(); 3].map(|()| stream.random());
-                // 1 - share lies in (0, 1]: no power of zero.
+                // 1 - share is in (0, 1], so zero is never raised to a negative power
                 let number = (2.0 * settings.nu).sqrt() / length
                     * ((1.0 - share).powf(-1.0 / settings.nu) - 1.0).sqrt();
                 let (sin, cos) = (TAU * turn).sin_cos();
@@ -128,7 +129,7 @@ impl Spray {
 
 impl OnSheet for Spray {
     fn act(&mut self, _at: Duration, places: &[[f64; 2]], sigma: &mut [f64]) {
-        // E[exp(g)] = exp(std^2 / 2): the mean conductance stays the sheet's.
+        // E[exp(g)] = exp(std^2 / 2) is divided out, so that the mean conductance is the sheet's
         let mean = 0.5 * self.std * self.std;
         for (sigma, [x, y]) in sigma.iter_mut().zip(places) {
             let field: f64 = self
@@ -152,7 +153,7 @@ mod tests {
 
     #[test]
     fn it_has_its_spread_and_its_length() {
-        // Values at a point and 30 mm from it, over many sheets.
+        // the field at a point and 30 mm from it, over many sheets
         let settings = SpraySettings {
             nu: 0.5,
             ..SpraySettings::default()
@@ -172,7 +173,7 @@ mod tests {
         let mean = |of: fn(&[f64; 2]) -> f64| pairs.iter().map(of).sum::<f64>() / 4000.0;
         let variance = mean(|[a, _]| a * a);
         assert!((variance / 0.01 - 1.0).abs() < 0.08, "{variance}");
-        // Matern with nu = 1/2 is exp(-distance / length).
+        // the Matern covariance with nu = 1/2 is exp(-distance / length)
         let together = mean(|[a, b]| a * b) / variance;
         assert!((together - (-1.0_f64).exp()).abs() < 0.05, "{together}");
     }

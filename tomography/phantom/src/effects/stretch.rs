@@ -1,8 +1,9 @@
 //! In-plane stretch: pressed foam widens and stretches the foam around the load.
 //!
-//! The in-plane strain is nu_eff times the strain across the foam, smoothed over its thickness t: the log loss e
-//! becomes e + nu_eff S[e], S the mean weighted by exp(-distance / t). nu_eff = 0 to 0.4, t = 3 mm (fact sheet, section
-//! 2.4). The kernel is cut off at 6 t (its tail has 1.7 % of the weight) and evaluated at the triangles' centroids.
+//! The in-plane strain is nu_eff times the strain across the foam, smoothed over its thickness t. The log loss e
+//! becomes e + nu_eff S[e], where S is the mean weighted by exp(-distance / t). nu_eff = 0 to 0.4, t = 3 mm (fact
+//! sheet, section 2.4). The kernel is cut off at 6 t (its tail has 1.7 % of the weight) and evaluated at the triangles'
+//! centroids.
 
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +50,7 @@ impl Effect for StretchSettings {
     }
 }
 
-/// Cut-off of the kernel, in thicknesses.
+/// Distance at which the kernel is cut off, in thicknesses.
 const REACH: f64 = 6.0;
 
 #[derive(Debug)]
@@ -57,12 +58,12 @@ struct Stretch {
     ratio: f64,
     /// m
     thickness: f64,
-    /// The kernel's sum over all other triangles for each triangle, once computed.
+    /// For each triangle the kernel's sum over all triangles; `None` until it is computed.
     weights: Vec<Option<f64>>,
 }
 
 impl Stretch {
-    /// exp(-distance / t) times the area, 0 beyond the reach.
+    /// exp(-distance / t) times the area of triangle `to`; 0 beyond [`REACH`].
     fn weight(&self, places: &Places<'_>, from: usize, to: usize) -> f64 {
         let ([x, y], [u, v]) = (places.centroids[from], places.centroids[to]);
         let away = (x - u).hypot(y - v) / self.thickness;
@@ -105,7 +106,7 @@ mod tests {
 
     #[test]
     fn wide_press_widens_by_ratio_and_line_fades_over_thickness() {
-        // Squares of 0.5 mm; the left half is pressed.
+        // squares of 0.5 mm, of which the left half is pressed
         let side = 81;
         let centroids: Vec<[f64; 2]> = (0..side * side)
             .map(|k| [k % side, k / side].map(|step| step as f64 * 0.5e-3))
@@ -128,7 +129,8 @@ mod tests {
         let middle = |column: usize| losses[40 * side + column];
         assert!((middle(15) - 0.7).abs() < 1e-12, "{}", middle(15));
         assert_eq!(middle(70), 0.0);
-        // Half-way between the last pressed column and the first free one, half of the kernel is pressed.
+        // half-way between the last pressed column and the first free one, half of the kernel's weight is on pressed
+        // squares
         let both = middle(40) + middle(41);
         assert!((both - 0.7).abs() < 1e-3, "{both}");
         assert!(middle(44) > middle(48) && middle(48) > 0.0);

@@ -1,4 +1,5 @@
-//! Temperature: sigma (1 - alpha (T - T0)), alpha the coefficient of resistance, in a room with periodic temperature.
+//! Temperature: the conductance is sigma (1 - alpha (T - T0)) in a room with periodic temperature; alpha is the
+//! temperature coefficient of resistance.
 //!
 //! alpha = -0.05 to -0.4 % per degC for carbon nanotubes in latex; a room cycles by 1 to 5 degC a day (fact sheet,
 //! section 2.3): 3e-4 of the largest reading per degC at 0.2 %. Leave it out below a minute.
@@ -15,9 +16,9 @@ use super::{Effect, Effects, OnSheet, SheetResponse};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TemperatureSettings {
-    /// Coefficient of resistance, % per degC.
+    /// Temperature coefficient of resistance, % per degC.
     pub percent_per_c: f64,
-    /// Amplitude of the room's cycle, degC: half the difference between its warmest and its coldest.
+    /// Amplitude of the room's cycle, degC: half the difference between the highest and the lowest temperature.
     pub room_c: f64,
     /// Length of the cycle, h.
     pub period_h: f64,
@@ -52,7 +53,7 @@ impl Effect for TemperatureSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // First order in the whole sheet's conductance.
+        // to first order in a change of the whole sheet's conductance
         let Self {
             percent_per_c,
             room_c,

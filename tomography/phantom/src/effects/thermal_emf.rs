@@ -1,4 +1,4 @@
-//! Thermal voltages of the relays: each channel has its own, which wanders.
+//! Thermal voltages of the relays: each channel has its own, which fluctuates slowly.
 //!
 //! Less than 3 uV on armature and FET modules, less than 50 uV on reed modules; Ornstein-Uhlenbeck with a time constant
 //! of 5 to 30 minutes and 30 % of that figure as rms (fact sheet, section 2.2). Does not reverse with the current, so
@@ -54,7 +54,7 @@ impl Effect for ThermalEmfSettings {
 pub(super) struct ThermalEmf {
     settings: ThermalEmfSettings,
     seed: u64,
-    /// By channel to the voltmeter; `None` is its direct input.
+    /// The process of each channel to the voltmeter; the key `None` is its direct input.
     channels: BTreeMap<Option<Relay>, Wander>,
 }
 
@@ -72,7 +72,7 @@ impl OnReading for ThermalEmf {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
         let (seed, tau) = (self.seed, survey::duration(self.settings.tau_s));
         let channel = self.channels.entry(context.relay).or_insert_with(|| {
-            // One random stream per channel, so that the order of reading changes no number.
+            // one random stream per channel, so that the numbers do not depend on the order of readings
             let name = format!("thermal-emf {:?}", context.relay.map(|relay| relay.0));
             Wander::new(tau, stream(seed, &name))
         });

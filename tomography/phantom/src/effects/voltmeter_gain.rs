@@ -1,8 +1,8 @@
 //! Gain and offset of the voltmeter: v (1 + g) + o, the same at every reading.
 //!
 //! Within a year of calibration: 0.0050 % of reading + 0.0040 % of range at 0.1 V, 0.0040 + 0.0007 at 1 V, 0.0035 +
-//! 0.0005 at 10 V (fact sheet, section 2.1). Difference imaging within a day is not affected. A scene gives each range its
-//! own errors by `by_range`: readings on two ranges then differ by more than their noise.
+//! 0.0005 at 10 V (fact sheet, section 2.1). Difference imaging within a day is not affected. With `by_range` each
+//! range has its own errors; readings on two ranges then differ by more than their noise.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -15,9 +15,9 @@ use crate::scan::ReadingContext;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VoltmeterGainSettings {
-    /// Error of the reading, parts per million.
+    /// Error as a share of the reading, parts per million.
     pub gain_ppm: f64,
-    /// Error of the range, parts per million.
+    /// Error as a share of the range, parts per million.
     pub offset_ppm: f64,
     /// Ranges with separate errors, which replace those above: V, ppm of reading, ppm of range.
     pub by_range: Vec<[f64; 3]>,
@@ -90,7 +90,7 @@ mod tests {
             (0.1, 0.1, 5e-6 + 4e-6),
             (1.0, 0.1, 4e-6 + 7e-6),
             (10.0, -5.0, -175e-6 + 50e-6),
-            // not listed
+            // a range that is not listed
             (100.0, 10.0, 450e-6 + 700e-6),
         ] {
             let off = settings.given(volts, range) - volts;

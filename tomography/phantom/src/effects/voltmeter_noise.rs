@@ -1,6 +1,7 @@
 //! Noise of the voltmeter: n ~ N(0, s²) on each reading.
 //!
-//! s is fixed, or the voltmeter's resolution at its integration time, taken as rms. Size: 0.3 uV at 1 PLC on 0.1 V, 1 mV at 0.02 PLC on 10 V.
+//! s is fixed, or equal to the voltmeter's resolution at its integration time, which is used as rms: 0.3 uV at 1 PLC on
+//! 0.1 V, 1 mV at 0.02 PLC on 10 V.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -15,13 +16,13 @@ use crate::scan::ReadingContext;
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VoltmeterNoiseSettings {
-    /// Fixed rms of one reading, uV; by default it follows from range and NPLC.
+    /// Fixed rms of one reading, uV; by default derived from range and NPLC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uv: Option<f64>,
 }
 
 impl VoltmeterNoiseSettings {
-    /// Rms of one reading.
+    /// Rms of the noise of one reading, V.
     pub(crate) fn volts(&self, context: &ReadingContext) -> f64 {
         self.uv
             .map_or_else(|| context.resolution * context.range.0, |uv| uv * 1e-6)

@@ -1,4 +1,4 @@
-//! An Ornstein-Uhlenbeck process of rms 1 with a time constant, by its exact update.
+//! An Ornstein-Uhlenbeck process of rms 1, with an exact update over any step.
 
 use std::time::Duration;
 
@@ -21,13 +21,13 @@ impl Wander {
         }
     }
 
-    /// Its value at a moment; an earlier moment than the last gives the last value.
+    /// The value of the process at a time. A time earlier than that of the last call gives the last value.
     pub(super) fn at(&mut self, at: Duration) -> f64 {
         let value = match self.last {
             Some((then, value)) if at <= then => return value,
             Some((then, value)) => {
                 let past = (at - then).as_secs_f64() / self.tau.as_secs_f64();
-                // 1 - e^-2x by expm1 keeps its digits for steps far shorter than the time constant.
+                // expm1 avoids cancellation in 1 - e^-2x for steps far shorter than the time constant
                 let fresh = (-(-2.0 * past).exp_m1()).sqrt();
                 value * (-past).exp() + fresh * self.draw()
             }

@@ -1,8 +1,8 @@
 //! Wear: a relay sticks, open or closed, at the end of its life.
 //!
-//! Each relay has its own life, Weibull distributed: life (-ln u)^(1/k) closures, k the shape of the hazard, rising
-//! with use for k > 1; and its own way of failing. 1e7 to 1e8 closures at light load (fact sheet, section 2.2). The
-//! caller counts the closures. Leave it out below 1e6 of them.
+//! The life of each relay is drawn from a Weibull distribution: life (-ln u)^(1/k) closures with the shape k; for k > 1
+//! the hazard rises with use. Whether it sticks open or closed is drawn too. 1e7 to 1e8 closures at light load (fact
+//! sheet, section 2.2). The caller counts the closures. Leave it out below 1e6 closures.
 
 use std::time::Duration;
 
@@ -17,11 +17,11 @@ use super::{Effect, Effects, OnWires, RelayContact, SheetResponse, stream};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WearSettings {
-    /// Closures that 63 % of the relays do not reach.
+    /// Number of closures that 63 % of the relays do not reach.
     pub life_closures: f64,
-    /// Weibull's shape: 1 for failures at any age, more for wear.
+    /// Shape of the Weibull distribution: 1 for failures independent of age, more for wear.
     pub shape: f64,
-    /// Closures of every relay before the start.
+    /// Number of closures of every relay before the start.
     pub behind_closures: f64,
     /// Share of the relays that stick closed, %; the others stick open.
     pub closed_percent: f64,
@@ -55,7 +55,7 @@ impl Effect for WearSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // A worn channel reads nothing. Each relay of the sheet closes about once per reading of its pair.
+        // a worn channel gives no reading; each relay of the sheet closes about once per reading of its pair
         let scan = response.scan();
         let closures = (scan.frames * scan.protocol.len()) as f64;
         let each = closures / scan.protocol.drives().len().max(1) as f64;
@@ -85,10 +85,10 @@ struct Wear {
 
 impl OnWires for Wear {
     fn act(&mut self, relay: Relay, closures: u64, _at: Duration, contact: &mut RelayContact) {
-        // One random stream per relay, so that the order of closing changes no life.
+        // one random stream per relay, so that its life does not depend on the order of closures
         let mut stream = stream(self.seed, &format!("wear {}", relay.0));
         let [life, way]: [f64; 2] = [(); 2].map(|()| stream.random());
-        // 1 - life lies in (0, 1]: no logarithm of zero.
+        // 1 - life is in (0, 1], so its logarithm is finite
         let life =
             self.settings.life_closures * (-(1.0 - life).ln()).powf(1.0 / self.settings.shape);
         if self.settings.behind_closures + closures as f64 > life {

@@ -1,4 +1,4 @@
-//! Loads: a shape at a place, and the share of conductance lost under it.
+//! Loads: a shape at a position, and the share of conductance lost under it.
 
 #[cfg(test)]
 mod tests;
@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use eit::{Mesh, bounding_box};
 use serde::{Deserialize, Serialize};
 
-/// Corners of the polygon that approximates a circle; its area is exactly that of the circle.
+/// Number of corners of the polygon that approximates a circle; its area is exactly that of the circle.
 const ROUND: usize = 360;
 
 /// Standard gravity, m/s2.
@@ -25,9 +25,9 @@ pub enum Shape {
     },
     /// A rectangle.
     Rectangle {
-        /// Along x, mm.
+        /// Width along x, mm.
         width_mm: f64,
-        /// Along y, mm.
+        /// Height along y, mm.
         height_mm: f64,
     },
     /// An equilateral triangle with its centroid at the centre and one corner up.
@@ -49,7 +49,7 @@ pub enum Shape {
     },
 }
 
-/// A shape at a place with its loss.
+/// A shape at a position, with its loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Load {
     /// Name for people.
@@ -70,7 +70,7 @@ pub enum LoadError {
     /// A dimension that is not a positive number.
     #[error("load '{load}': {key} is {value}, it must be a positive number")]
     Measure {
-        /// Its name.
+        /// Name of the load.
         load: String,
         /// Which dimension.
         key: &'static str,
@@ -80,7 +80,7 @@ pub enum LoadError {
     /// A position or angle that is not a number.
     #[error("load '{load}': {key} is not a finite number")]
     Place {
-        /// Its name.
+        /// Name of the load.
         load: String,
         /// Which.
         key: &'static str,
@@ -88,9 +88,9 @@ pub enum LoadError {
     /// A loss outside 0 to 1.
     #[error("load '{load}': its loss of {} % is not 0 to 100 %", .loss * 100.0)]
     Loss {
-        /// Its name.
+        /// Name of the load.
         load: String,
-        /// The loss, 1 is all.
+        /// The loss as a share.
         loss: f64,
     },
     /// Discs of a figure-eight that do not overlap.
@@ -98,7 +98,7 @@ pub enum LoadError {
         "load '{load}': discs of {diameter_mm} mm, {distance_mm} mm apart, do not make a figure-eight"
     )]
     Apart {
-        /// Its name.
+        /// Name of the load.
         load: String,
         /// Diameter, mm.
         diameter_mm: f64,
@@ -108,15 +108,15 @@ pub enum LoadError {
     /// A polygon with fewer than three corners.
     #[error("load '{load}': a polygon of {corners} corners has no area")]
     Corners {
-        /// Its name.
+        /// Name of the load.
         load: String,
-        /// Their number.
+        /// Number of corners.
         corners: usize,
     },
     /// A polygon whose sides cross.
     #[error("load '{load}': sides {first} and {second} of the polygon cross (counted from 0)")]
     Crossing {
-        /// Its name.
+        /// Name of the load.
         load: String,
         /// One side.
         first: usize,
@@ -126,7 +126,7 @@ pub enum LoadError {
     /// A load outside the sheet.
     #[error("load '{load}' at {x_mm}, {y_mm} mm covers no part of the sheet")]
     Beside {
-        /// Its name.
+        /// Name of the load.
         load: String,
         /// Position, mm.
         x_mm: f64,
@@ -150,7 +150,7 @@ impl Load {
     /// Checks the dimensions, position and loss.
     ///
     /// # Errors
-    /// The first fault, naming load and dimension.
+    /// The first error, which names load and dimension.
     pub fn check(&self) -> Result<(), LoadError> {
         self.check_outline()?;
         if !(0.0..=1.0).contains(&self.loss) {
@@ -162,7 +162,7 @@ impl Load {
         Ok(())
     }
 
-    /// Checks without the loss: a law may give a negative one.
+    /// Checks dimensions and position only, because the loss given by a law may be negative.
     pub(crate) fn check_outline(&self) -> Result<(), LoadError> {
         for (key, value) in [
             ("x_mm", self.centre_mm[0]),
@@ -204,7 +204,7 @@ impl Load {
         self.covered(mesh)
     }
 
-    /// The same for any loss.
+    /// As [`Load::coverage`], for any loss.
     pub(crate) fn covered(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
         self.check_outline()?;
         let outline = self.outline();
@@ -322,13 +322,14 @@ pub fn pressure_kpa(mass_g: f64, area: f64) -> f64 {
     mass_g * 1e-3 * GRAVITY / area * 1e-3
 }
 
-/// Loss of conductance under a pressure, p / (p + p_half): none at rest, half at `half_kpa`, never all (fact sheet,
-/// section 2.4). The paper gives no law; with its S1 (25.0 kPa, taken as a loss of 50 %) `half_kpa` is 25.
+/// Loss of conductance under a pressure, p / (p + p_half): 0 without pressure, 1/2 at `half_kpa`, always below 1 (fact
+/// sheet, section 2.4). The paper gives no law; from its S1 (25.0 kPa, assumed to be a loss of 50 %) `half_kpa` is 25.
 pub fn loss_of_pressure(kpa: f64, half_kpa: f64) -> f64 {
     kpa / (kpa + half_kpa)
 }
 
-/// Points of an arc about (x, 0), both ends included unless it closes; the radius is that of a polygon of equal area.
+/// Points of an arc about (x, 0), including both ends. A full circle has one end only, and its radius is enlarged so
+/// that the polygon has the area of the circle.
 fn arc(x: f64, radius: f64, from: f64, open: f64, pieces: usize) -> Vec<[f64; 2]> {
     let step = open / pieces as f64;
     let closed = (open - TAU).abs() < 1e-12;
@@ -349,7 +350,7 @@ fn signed_area(points: &[[f64; 2]]) -> f64 {
     let Some(first) = points.first() else {
         return 0.0;
     };
-    // relative to one corner, to avoid cancellation far from the origin
+    // coordinates relative to one corner, to avoid cancellation far from the origin
     let at = |p: &[f64; 2]| [p[0] - first[0], p[1] - first[1]];
     0.5 * points
         .windows(2)
@@ -364,13 +365,13 @@ fn area(points: &[[f64; 2]]) -> f64 {
     signed_area(points).abs()
 }
 
-/// Twice the area of a, b, p: positive if p is to the left of a to b.
+/// Twice the signed area of the triangle a, b, p: positive if p is to the left of the line from a to b.
 fn left(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 }
 
-/// Sutherland-Hodgman: clips the polygon by the three sides of a triangle. If a concave polygon falls into pieces they
-/// stay connected by slits along a side, which have no area.
+/// Sutherland-Hodgman: clips the polygon by the three sides of a triangle. If a concave polygon is cut into pieces,
+/// these remain connected by slits of zero area along a side.
 fn clip(polygon: &[[f64; 2]], [a, b, c]: [[f64; 2]; 3]) -> Vec<[f64; 2]> {
     let mut points = polygon.to_vec();
     for (from, to) in [(a, b), (b, c), (c, a)] {

@@ -4,7 +4,7 @@ use super::*;
 fn areas_of_the_papers_loads() {
     let disc = Shape::Disc { diameter_mm: 10.0 };
     assert!((disc.area() / (TAU / 2.0 * 25e-6) - 1.0).abs() < 1e-12);
-    // 200 g on 10 mm: the 25.0 kPa of the paper
+    // 200 g on a disc of 10 mm are the 25.0 kPa of the paper
     assert!((pressure_kpa(200.0, disc.area()) - 25.0).abs() < 0.05);
     assert!((loss_of_pressure(25.0, 25.0) - 0.5).abs() < 1e-15);
     let triangle = Shape::Triangle { side_mm: 60.0 };

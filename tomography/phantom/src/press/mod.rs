@@ -1,8 +1,8 @@
-//! Loads over time: when a load is on the sheet, its path, and the pressure distribution under it.
+//! Loads over time: the times at which a load is on the sheet, its path, and the pressure distribution under it.
 //!
 //! Between two waypoints a load moves in a straight line and its force changes linearly, in steps. Each step is
 //! computed once, at its middle, so that the error is at most half of [`STEP_MM`] in position and half of
-//! [`STEP_SHARE`] in force. A constant load takes no step.
+//! [`STEP_SHARE`] in force. A constant load has no steps.
 
 #[cfg(test)]
 mod tests;
@@ -19,10 +19,11 @@ use crate::repeat::Repeat;
 /// Length of one step, mm.
 pub(crate) const STEP_MM: f64 = 0.25;
 
-/// Change of the force in one step, as a share of the larger of the two waypoints'.
+/// Change of the force in one step, as a share of the larger force of the two waypoints.
 pub(crate) const STEP_SHARE: f64 = 0.02;
 
-/// Rings of constant pressure that approximate a pressure distribution; each has the mean of its part.
+/// Number of rings of constant pressure that approximate a pressure distribution; each has the mean pressure of its
+/// part.
 const RINGS: u32 = 24;
 
 /// Size of a load.
@@ -30,7 +31,7 @@ const RINGS: u32 = 24;
 pub enum Amount {
     /// Share of the conductance that is lost, 0 to 1.
     Loss(f64),
-    /// A mass, g; the loss follows from its pressure.
+    /// A mass, g; the loss is computed from its pressure.
     Mass(f64),
 }
 
@@ -54,16 +55,16 @@ impl Amount {
 pub struct Waypoint {
     /// Time at this point.
     pub at: Duration,
-    /// Position of its centre, mm.
+    /// Position of the load's centre, mm.
     pub centre_mm: [f64; 2],
-    /// Its size.
+    /// Size of the load.
     pub amount: Amount,
 }
 
 /// Distribution of the force under a load (fact sheet, section 2.4).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Contact {
-    /// Uniform: foam thinner than the load is wide (Winkler).
+    /// Uniform, for foam that is thinner than the load is wide (Winkler).
     #[default]
     Even,
     /// As under a rigid flat disc on thick foam: F / (2 pi a²) (1 - r² / a²)^(-1/2).
@@ -87,7 +88,7 @@ impl Contact {
     }
 }
 
-/// Radius of the contact of a sphere (mm) under a mass (g) on foam of a modulus (kPa), mm: Hertz.
+/// Hertz radius of the contact, mm, of a sphere (radius in mm) under a mass (g) on foam of a modulus (kPa).
 pub(crate) fn hertz_radius_mm(radius_mm: f64, mass_g: f64, modulus_kpa: f64) -> f64 {
     let force = mass_g * 1e-3 * GRAVITY;
     1e3 * (0.75 * force * radius_mm * 1e-3 / (modulus_kpa * 1e3)).cbrt()
@@ -96,15 +97,15 @@ pub(crate) fn hertz_radius_mm(radius_mm: f64, mass_g: f64, modulus_kpa: f64) -> 
 /// A load on the time line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimedLoad {
-    /// The load as it begins.
+    /// The load at its start.
     pub load: Load,
     /// Start.
     pub from: Duration,
     /// End, excluded; `None` for never.
     pub to: Option<Duration>,
-    /// Repetition, each time like the first; `None` for once.
+    /// Repetition; each time is like the first. `None` if there is only one.
     pub repeat: Option<Repeat>,
-    /// Its size as it begins.
+    /// The size at its start.
     pub amount: Amount,
     /// Later positions and sizes, in order of time; empty for a constant load.
     pub path: Vec<Waypoint>,
@@ -112,14 +113,14 @@ pub struct TimedLoad {
     pub contact: Contact,
 }
 
-/// Step of a load's path: the last waypoint, and the number of steps since.
+/// Step of a load's path: index of the last waypoint, and number of the step since that waypoint.
 pub(crate) type Stage = [u32; 2];
 
-/// A load's covered triangles, and the share of conductance that each loses.
+/// The triangles covered by a load, with the share of conductance that each loses.
 pub(crate) type Print = Vec<(usize, f64)>;
 
 impl TimedLoad {
-    /// A constant load from one moment to another, or for ever.
+    /// A constant load from one time to another, or without an end.
     pub fn still(load: Load, from: Duration, to: Option<Duration>) -> Self {
         Self {
             amount: Amount::Loss(load.loss),
@@ -132,7 +133,7 @@ impl TimedLoad {
         }
     }
 
-    /// When it is removed for the last time; `None` for never.
+    /// The time of its last removal; `None` if it is never removed.
     pub fn end(&self) -> Option<Duration> {
         let last = self.repeat.map_or(0, |repeat| repeat.times() - 1);
         Some(self.to?.saturating_add(self.delay(last)))
@@ -144,25 +145,25 @@ impl TimedLoad {
         self.is_on_first(at)
     }
 
-    /// Whether it is on the sheet for the first time.
+    /// Whether it is on the sheet at a time of the first repetition.
     fn is_on_first(&self, at: Duration) -> bool {
         at >= self.from && self.to.is_none_or(|to| at < to)
     }
 
-    /// Delay of a repetition relative to the first time.
+    /// Delay of a repetition relative to the first.
     fn delay(&self, number: u32) -> Duration {
         let repeat = self.repeat;
         repeat.map_or(Duration::ZERO, |repeat| repeat.delay(number))
     }
 
-    /// The repetition at a moment, from 0, and the corresponding moment of the first time.
+    /// The number of the repetition at a time, from 0, and the corresponding time of the first repetition.
     fn in_first(&self, at: Duration) -> (u32, Duration) {
         let since = at.saturating_sub(self.from);
         let number = self.repeat.map_or(0, |repeat| repeat.number(since));
         (number, at.saturating_sub(self.delay(number)))
     }
 
-    /// The waypoint with this index; 0 is the beginning.
+    /// The waypoint with this index; 0 is the start.
     fn waypoint(&self, number: usize) -> Waypoint {
         match number.checked_sub(1) {
             Some(index) => self.path[index],
@@ -174,12 +175,12 @@ impl TimedLoad {
         }
     }
 
-    /// The last waypoint passed.
+    /// The index of the last waypoint passed.
     fn behind(&self, at: Duration) -> usize {
         self.path.partition_point(|waypoint| waypoint.at <= at)
     }
 
-    /// Steps from a waypoint to the next; 0 if nothing changes, or there is no next.
+    /// Number of steps from a waypoint to the next; 0 if nothing changes, or if it is the last.
     fn steps(&self, behind: usize) -> u32 {
         if behind == self.path.len() {
             return 0;
@@ -196,7 +197,7 @@ impl TimedLoad {
         (x.hypot(y) / STEP_MM).max(changes).ceil() as u32
     }
 
-    /// The step at a moment; `None` while it is not on the sheet.
+    /// The step at a time; `None` while the load is not on the sheet.
     pub(crate) fn stage(&self, at: Duration) -> Option<Stage> {
         let (_, at) = self.in_first(at);
         if !self.is_on_first(at) {
@@ -214,7 +215,7 @@ impl TimedLoad {
         Some([behind as u32, step])
     }
 
-    /// The next moment after this one at which it is pressed, moves on, or is removed.
+    /// The next time after this one at which the load is placed, begins a step, or is removed.
     pub(crate) fn next_change(&self, after: Duration) -> Option<Duration> {
         let (number, first) = self.in_first(after);
         match (self.next_change_of_first(first), self.repeat) {
@@ -226,7 +227,7 @@ impl TimedLoad {
         }
     }
 
-    /// The same for its first time on the sheet.
+    /// As [`TimedLoad::next_change`], for the first repetition.
     fn next_change_of_first(&self, after: Duration) -> Option<Duration> {
         if after < self.from {
             return Some(self.from);
@@ -239,7 +240,7 @@ impl TimedLoad {
         let next = (behind < self.path.len()).then(|| {
             let [from, to] = [behind, behind + 1].map(|number| self.waypoint(number).at);
             let steps = self.steps(behind);
-            // A moment that rounding puts before its step is skipped.
+            // a time that rounding puts before its step is skipped
             (stage[1] + 1..steps)
                 .map(|step| {
                     from + survey::duration(
@@ -255,7 +256,7 @@ impl TimedLoad {
         }
     }
 
-    /// The load at a moment, with the number of the repetition in its name; `None` while it is not on the sheet.
+    /// The load at a time, with the number of the repetition in its name; `None` while it is not on the sheet.
     pub(crate) fn at(&self, at: Duration, law: &Law) -> Option<Load> {
         let mut load = self.momentary(self.stage(at)?, law);
         if self.repeat.is_some() {
@@ -284,7 +285,7 @@ impl TimedLoad {
         }
     }
 
-    /// The load during a step; its loss is that of its mean pressure.
+    /// The load during a step, with the loss of its mean pressure.
     pub(crate) fn momentary(&self, stage: Stage, law: &Law) -> Load {
         let now = self.middle(stage);
         let mut load = Load {
@@ -308,7 +309,7 @@ impl TimedLoad {
         load
     }
 
-    /// The load as it begins.
+    /// The load at its start.
     pub(crate) fn momentary_start(&self, law: &Law) -> Load {
         let start = Self {
             path: Vec::new(),
@@ -333,7 +334,7 @@ impl TimedLoad {
                 return Ok(covered.map(|(t, share)| (t, load.loss * share)).collect());
             }
             (_, Amount::Mass(mass_g), Shape::Disc { diameter_mm }) => (mass_g, *diameter_mm),
-            // Scenes refuse other shapes.
+            // scenes refuse other shapes
             _ => return Ok(Vec::new()),
         };
         if mass_g == 0.0 {
@@ -359,7 +360,7 @@ impl TimedLoad {
     }
 }
 
-/// Outer radius (as a share of the contact's) and mean pressure (kPa) of each ring, from the centre.
+/// Outer radius (as a share of the contact's radius) and mean pressure (kPa) of each ring, from the centre outwards.
 fn rings(contact: Contact, mass_g: f64, diameter_mm: f64) -> Vec<(f64, f64)> {
     let area = PI * (0.5e-3 * diameter_mm).powi(2);
     (1..=RINGS)

@@ -6,8 +6,8 @@ use crate::law::Pressure;
 fn punch_and_sphere_integrate_to_their_force() {
     let sphere = Contact::Sphere { radius_mm: 20.0 };
     for contact in [Contact::Even, Contact::Punch, sphere] {
-        // The density (in F / (pi a²)) integrated over r = sin(angle), which removes the singularity at the punch's
-        // edge.
+        // the pressure (in F / (pi a²)) is integrated with r = sin(angle), which removes the singularity at the punch's
+        // edge
         let steps = 2000;
         let width = 0.5 * PI / f64::from(steps);
         let mut force = 0.0;
@@ -73,7 +73,7 @@ fn what_is_lost_under_an_uneven_pressure_is_that_of_its_force() {
             ..TimedLoad::still(Load::disc([101.3, 120.7], 14.0, 0.0), Duration::ZERO, None)
         };
         let print = timed.print([0, 0], &law, &mesh).unwrap();
-        // the loss is 1e-6 of the strain and the strain p / 1 MPa, so the sum is the force in newtons
+        // the loss is 1e-6 of the strain and the strain is p / 1 MPa, so the sum is the force in newtons
         let force: f64 = print
             .iter()
             .map(|(t, lost)| lost * mesh.area(*t) * 1e12)
@@ -143,7 +143,7 @@ fn a_way_has_its_steps_at_their_times() {
     for off in [9, 60, 109, 160, 260, 325] {
         assert_eq!(again.stage(seconds(off)), None, "{off}");
     }
-    // never farther than half a step from its position
+    // the error of the position is at most half a step
     for millis in (20_000..30_000).step_by(7) {
         let stage = timed.stage(Duration::from_millis(millis)).unwrap();
         let exact = 50.0 + (millis - 20_000) as f64 / 1000.0;

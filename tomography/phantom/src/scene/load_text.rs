@@ -1,4 +1,4 @@
-//! A load in a scene's text: shape, size, force distribution, times and path.
+//! A load in the text of a scene: shape, size, force distribution, times and path.
 
 use std::ops::Range;
 use std::time::Duration;
@@ -30,7 +30,7 @@ enum ContactName {
     Punch,
 }
 
-/// A point on a load's path; omitted values stay as they were.
+/// A point on a load's path; omitted values are unchanged.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WaypointText {
@@ -88,7 +88,7 @@ impl LoadText {
                     .ok_or_else(|| missing(key))
             };
             match self.shape {
-                // a sphere touches as a disc, whose diameter depends on its force
+                // the contact of a sphere is a disc, whose diameter depends on the force
                 ShapeName::Disc | ShapeName::Sphere => (
                     &["diameter_mm"][..],
                     Shape::Disc {
@@ -193,7 +193,7 @@ impl LoadText {
             shape,
             centre_mm: [*self.x_mm.get_ref(), self.y_mm],
             turn_deg: self.turn_deg,
-            // Computed below, with the sphere's contact area.
+            // computed below, with the sphere's contact area
             loss: 0.0,
         };
         load.check()
@@ -333,7 +333,7 @@ fn contact(
 }
 
 impl TimedLoad {
-    /// Hertz's law holds for small contacts: the contact of a sphere cannot be wider than the sphere.
+    /// Refuses a contact that is wider than its sphere, because Hertz's law holds for small contacts.
     fn sinks(&self, amount: Amount, law: &Law) -> Result<(), String> {
         if let (Contact::Sphere { radius_mm }, Amount::Mass(mass_g)) = (self.contact, amount) {
             let modulus = law.pressure.modulus_kpa;
@@ -373,7 +373,7 @@ fn on_the_sheet(load: &Load, sheet: &Preset) -> Result<(), LoadError> {
     Ok(())
 }
 
-/// Whether a polygon contains the origin or comes nearer to it than a radius.
+/// Whether a polygon contains the origin or its distance from the origin is less than a radius.
 fn reaches(outline: &[[f64; 2]], radius: f64) -> bool {
     let count = outline.len();
     let mut turns = 0.0;

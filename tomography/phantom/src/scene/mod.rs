@@ -1,4 +1,4 @@
-//! Scenes: sheet, loads on a time line, effects, seed. Written in TOML; errors name file:line:column.
+//! Scenes: sheet, loads on a time line, effects, faults, seed. They are written in TOML; errors name file:line:column.
 
 mod load_text;
 #[cfg(test)]
@@ -23,14 +23,14 @@ use load_text::LoadText;
 /// Default fineness of the phantom's mesh relative to its preset.
 pub const FINER: f64 = 1.5;
 
-/// A fault of the instruments, and when it happens. The text is interpreted by the simulated instruments.
+/// A fault of the instruments, with its times. The simulated instruments interpret the text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneFault {
     /// Start.
     pub at: Duration,
-    /// Duration; `None` for ever, or for a fault without duration.
+    /// Duration; `None` for a fault that does not end, or that has no duration.
     pub lasts: Option<Duration>,
-    /// Repetition; `None` for once.
+    /// Repetition; `None` if there is only one.
     pub repeat: Option<Repeat>,
     /// The fault, as text.
     pub what: String,
@@ -39,7 +39,7 @@ pub struct SceneFault {
 }
 
 impl SceneFault {
-    /// Each moment at which it happens, in order.
+    /// The time of each repetition, in order.
     pub fn moments(&self) -> impl Iterator<Item = Duration> + use<> {
         let (first, repeat) = (self.at, self.repeat);
         let times = repeat.map_or(1, Repeat::times);
@@ -65,7 +65,7 @@ pub struct Scene {
     pub effects: EffectSettings,
     /// Faults of the instruments, on the same time line.
     pub faults: Vec<SceneFault>,
-    /// Electrodes with a contact resistance of their own, ohm; 1e9 is practically detached.
+    /// Electrodes with a separate contact resistance, ohm; 1e9 is practically detached.
     pub contacts: Vec<(Electrode, f64)>,
 }
 
@@ -107,7 +107,7 @@ struct Text {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ContactText {
-    /// Counted from 1.
+    /// Number of the electrode, from 1.
     electrode: usize,
     ohm: f64,
 }
@@ -130,7 +130,7 @@ struct RepeatText {
 }
 
 impl RepeatText {
-    /// Checks that the period is longer than the duration.
+    /// The repetition, if its period is longer than the duration `lasts`.
     fn repeat(self, lasts: Duration, what: &str) -> Result<Repeat, Fault> {
         let every = *self.every_s.get_ref();
         let repeat = Repeat::new(every, *self.times.get_ref()).map_err(|refusal| {
@@ -174,7 +174,7 @@ struct PressureText {
     modulus_kpa: Option<Spanned<f64>>,
 }
 
-/// A fault at a place of the text.
+/// An error with its position in the text.
 struct Fault(Range<usize>, String);
 
 impl Scene {

@@ -27,7 +27,7 @@ fn the_shipped_scenes_are_the_papers_tests() {
         assert_eq!(timed.load.shape, paper::s1(centre).shape);
         assert_eq!(timed.load.loss, 0.5);
     }
-    // one after the other, never two at once
+    // the loads do not overlap in time
     for pair in test1.loads.windows(2) {
         assert!(pair[0].to.unwrap() <= pair[1].from);
     }

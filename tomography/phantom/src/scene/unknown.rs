@@ -23,7 +23,7 @@ pub(super) fn unknown_effect(text: &str) -> Option<(Range<usize>, String)> {
     ))
 }
 
-/// Adds to a message about an unknown key the valid key that differs only by its unit.
+/// An addition to a message about an unknown key: the valid key that differs only by its unit; empty if there is none.
 pub(super) fn with_unit(message: &str) -> String {
     let Some((_, rest)) = message.split_once("unknown field `") else {
         return String::new();
