@@ -1,8 +1,9 @@
-//! Describes a failed frame: first the state of the source, then the cause, each cause once.
+//! Describes a failed frame: the cause, the state of the source, the step, and further causes; each cause once.
 
 use rig::{AcquireError, EndReason, LinkError, RigError};
 
-/// The first sentence names the instrument and says whether the source is verified off; the rest says where and why.
+/// Text about a failed frame. The first sentence gives the cause with the instrument, and whether the source is
+/// verified off. The rest gives the step and further causes.
 pub(crate) fn describe(error: &AcquireError) -> String {
     let Some(cause) = error.cause() else {
         return survey::error_chain(error);

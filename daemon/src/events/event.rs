@@ -1,4 +1,4 @@
-//! Events for people and programs, and changes of objects on the bus.
+//! Events, and changes of objects on the bus.
 
 use std::sync::Arc;
 

@@ -5,7 +5,7 @@ use rig::BoxStream;
 use simulator::{Instrument, Load, Shape};
 pub(crate) use simulator::{Profile, Scene, SimulatedRig};
 
-/// Whether this program can simulate instruments; the error says which feature it lacks.
+/// Whether this program can simulate instruments; the error names the missing feature.
 pub(crate) fn check_built() -> Result<(), String> {
     Ok(())
 }

@@ -50,7 +50,7 @@ pub(crate) fn connect(rig: &SimulatedRig, _name: &str) -> BoxStream {
     match rig.0 {}
 }
 
-/// Whether this program can simulate instruments; the error says which feature it lacks.
+/// Whether this program can simulate instruments; the error names the missing feature.
 pub(crate) fn check_built() -> Result<(), String> {
     Err(NotBuilt.to_string())
 }

@@ -9,7 +9,7 @@ use Severity::{Major, Minor};
 /// Time, s, for which a problem must be absent before its alarm ends.
 const GONE_S: f64 = 60.0;
 
-/// Kind, severity, and whether people are notified.
+/// Kind and severity of each alarm, and whether it is notified.
 const KINDS: [(&str, Severity, bool); 10] = [
     ("source-unverified", Major, true),
     ("faulted", Major, true),

@@ -1,4 +1,5 @@
-//! Metrics in the OpenMetrics format (Prometheus): a fixed set of a few dozen series, and three for each rule of `[[alarm]]`.
+//! Metrics in the OpenMetrics format (Prometheus): a fixed set of a few dozen series, and three for each rule of
+//! `[[alarm]]`.
 
 use std::fmt;
 

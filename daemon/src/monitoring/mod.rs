@@ -1,5 +1,5 @@
-//! Counters, heartbeats, health and its problems, metrics, notifications, and the daily summary. Nothing here can delay a
-//! frame. The values are collected, and the monitors run, by `session`.
+//! Counters, heartbeats, health and its problems, metrics, notifications, and the daily summary. Nothing here can delay
+//! a frame. The values are collected, and the monitors run, by `session`.
 
 pub(crate) mod built_in;
 pub(crate) mod counters;

@@ -118,8 +118,8 @@ pub(super) fn complete(
     }
 }
 
-/// Settings read from the configuration stored with a session. Its other keys are not read, because this version may
-/// not know them.
+/// Settings read from the configuration stored with a session. Its other keys are not read, because they may be unknown
+/// in this version.
 #[derive(Debug, PartialEq)]
 struct Kept {
     current_ua: Option<f64>,

@@ -77,7 +77,8 @@ pub(crate) struct SessionStatus {
     latest: Mutex<Latest>,
     /// The largest loss that noise alone causes in a map; set with the first map, if the noise of a reading is known.
     pub map_noise: OnceLock<f64>,
-    /// The last standard deviation of a map, and the sequence of its frame; `None` until a reader of the stream wants one.
+    /// The last standard deviation of a map, and the sequence of its frame; `None` until a reader of the stream wants
+    /// one.
     pub deviation: Mutex<Option<(u64, Vec<f64>)>>,
     button: StopButton,
     stop: Stop,

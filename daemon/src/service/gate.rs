@@ -48,7 +48,7 @@ pub(crate) struct Gate {
     follows: watch::Sender<bool>,
     /// Queue of calls read ahead from a bus.
     waiting: Option<Arc<Queue>>,
-    /// Serialises large replies, which would delay everybody's replies.
+    /// Serialises large replies, which would delay the replies to all callers.
     pub(super) large_answers: Semaphore,
 }
 
@@ -129,7 +129,7 @@ impl Gate {
         })
     }
 
-    /// Follows callers that leave the bus, until the task is dropped or the bus is gone.
+    /// Follows callers that leave the bus, until the task is dropped or the connection to the bus ends.
     ///
     /// # Errors
     /// The bus refuses the subscription.
@@ -167,7 +167,7 @@ impl Gate {
         Ok(task)
     }
 
-    /// The connection has ended: all callers are gone.
+    /// Removes all callers, because the connection has ended.
     pub(super) fn all_left(&self) {
         locked(&self.present).clear();
     }

@@ -30,7 +30,7 @@ pub(crate) async fn read<T: Send + 'static>(
     let permit = READ_JOBS.take(user)?;
     let (answer, answered) = oneshot::channel();
     let job = move || {
-        // held until the work is done, even if its caller has gone
+        // held until the work is done, even if its caller has disconnected
         let _permit = permit;
         if !answer.is_closed() {
             let _ = answer.send(work());

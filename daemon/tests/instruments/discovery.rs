@@ -1,9 +1,10 @@
-//! Instruments are discovered on the network and their identity queried; they receive nothing else (fact sheet
+//! Instruments are discovered on the network, and their identity is queried; they receive no other message (fact sheet
 //! lxi-discovery, section 8).
 //!
-//! Each test runs itself again in its own network namespace, where nothing else is announced and the port mapper's port
-//! is free; if no namespace is available the test prints so. `simulator/tests/clients/main.rs` tests a host shared with
-//! avahi and python-zeroconf, and lxi-tools; a story tests that a running daemon uses nothing that was discovered.
+//! Each test runs itself again in a separate network namespace, where nothing else is announced and the port mapper's
+//! port is free; if no namespace is available, the test reports that and passes. `simulator/tests/clients/main.rs`
+//! tests a host shared with avahi and python-zeroconf, and lxi-tools; a story tests that a running daemon uses nothing
+//! that was discovered.
 
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
@@ -14,12 +15,13 @@ use serde_json::Value;
 use simulator::{Profile, ServeOptions, SimulatedRig};
 use tokio::net::UdpSocket;
 
-/// Set in the run in its own network namespace.
+/// Environment variable, set in the run in the separate network namespace.
 const ALONE: &str = "TACTUS_TEST_ALONE";
 const QUIET: &str = "ip link set lo up";
 const MULTICAST: &str = "ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo";
 
-/// Whether this run has its own network; otherwise creates one, prepares it by `network`, and runs this test in it.
+/// Whether this run has a separate network namespace. If not, creates one, prepares it with the commands `network`, and
+/// runs this test in it.
 fn has_network(test: &str, network: &str) -> bool {
     if std::env::var_os(ALONE).is_some() {
         return true;
@@ -53,7 +55,7 @@ fn has_network(test: &str, network: &str) -> bool {
     false
 }
 
-/// A rig that records received messages, with free ports.
+/// A rig that records received messages, and options to serve it on free ports.
 fn listening() -> (SimulatedRig, ServeOptions) {
     let rig = instant(&Profile::default());
     rig.keep_transcript();
@@ -77,7 +79,7 @@ fn assert_only_identity_was_queried(rig: &SimulatedRig) {
     );
 }
 
-/// The list of `tactusd --discover`: instruments, notes.
+/// Runs `tactusd --discover`; returns instruments and notes.
 async fn discovered(addresses: Vec<String>) -> (Vec<Value>, Vec<String>) {
     let requested = tokio::task::spawn_blocking(move || {
         Command::new(env!("CARGO_BIN_EXE_tactusd"))
@@ -100,7 +102,7 @@ async fn discovered(addresses: Vec<String>) -> (Vec<Value>, Vec<String>) {
     (instruments, notes.collect())
 }
 
-/// The only instrument of this model; a second entry is an error.
+/// The instrument of this model; panics if there are several.
 fn one<'a>(found: &'a [Value], model: &str) -> Option<&'a Value> {
     let of_model = |found: &&Value| {
         found["identity"]
@@ -128,7 +130,7 @@ async fn two_announced_simulators_are_each_listed_once() {
     let browser = ServiceDaemon::new().unwrap();
     browser.enable_interface(IfKind::LoopbackV4).unwrap();
 
-    // both publish their properties, the same for every service type
+    // both instruments publish the same properties for every service type
     let mut properties: Vec<(String, Vec<(String, String)>)> = Vec::new();
     let raw = browser.browse("_scpi-raw._tcp.local.").unwrap();
     for (kind, events, wanted) in [
@@ -177,7 +179,7 @@ async fn two_announced_simulators_are_each_listed_once() {
     };
     let took = begun.elapsed();
     println!("both listed by try {tries}, {took:?} after the start of the first");
-    // ten times what is promised
+    // ten times the promised time
     assert!(took < Duration::from_secs(50), "{took:?}");
     for (model, section) in [("6221", "[source]"), ("34980A", "[switch]")] {
         let seen = one(&found, model).unwrap();
@@ -213,7 +215,7 @@ async fn two_announced_simulators_are_each_listed_once() {
     }
     assert_only_identity_was_queried(&rig);
 
-    // without a goodbye they would be listed for two minutes, until their records expire
+    // without a goodbye packet the instruments would be listed for two minutes, until their records expire
     let begun = Instant::now();
     server.stop().await;
     let mut gone = Vec::new();
@@ -240,7 +242,7 @@ async fn without_multicast_given_addresses_are_still_queried() {
     let (rig, options) = listening();
     let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let address = format!("tcp:{}", server.ready().source);
-    // the same twice, and one without an instrument
+    // the same address twice, and an address without an instrument
     let requested = vec![
         address.clone(),
         address.clone(),
@@ -271,7 +273,7 @@ async fn without_multicast_given_addresses_are_still_queried() {
     assert_only_identity_was_queried(&rig);
 }
 
-/// Replies to a port mapper's GETPORT: first with something else, then twice with this port.
+/// Replies to a port mapper's GETPORT call: first with another message, then twice with this port.
 async fn map_ports(socket: UdpSocket, port: u16) {
     let mut call = [0; 256];
     while let Ok((length, peer)) = socket.recv_from(&mut call).await {
@@ -300,7 +302,7 @@ async fn map_ports(socket: UdpSocket, port: u16) {
 #[tokio::test(flavor = "multi_thread")]
 async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
     let name = "discovery::an_answer_to_a_vxi_11_broadcast_is_one_instrument";
-    // an interface that supports broadcasts, if the kernel provides one
+    // a dummy interface that supports broadcasts, if the kernel provides it
     let network = format!(
         "{QUIET} && {{ ip link add wire type dummy && ip address add 192.0.2.1/24 brd + dev wire && \
          ip link set wire up || true; }}"
@@ -309,7 +311,7 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
         return;
     }
     let (rig, options) = listening();
-    // on every interface: it replies on two, and is listed once
+    // the instrument replies on two interfaces, and must be listed once
     let options = ServeOptions {
         bind: "0.0.0.0".to_owned(),
         port_34980a: 5025,
@@ -338,7 +340,7 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
     assert_only_identity_was_queried(&rig);
     server.stop().await;
 
-    // an instrument without a socket for the daemon is listed by its announcement, and not proposed
+    // an instrument to which the daemon cannot connect is listed, but not proposed
     let options = ServeOptions {
         port_34980a: 0,
         port_vxi11: Some(core),

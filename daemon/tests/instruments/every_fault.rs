@@ -1,10 +1,10 @@
-//! Every fault of the simulators, over TCP and a serial line, in the middle of a session: the source is off and
-//! verified in time (or, if the source itself is gone, the relays are open and the source is verified off when it
-//! returns), the frame is marked, the session is suspended, and continues when the fault is over.
+//! Every fault of the simulators, over TCP and a serial line, in the middle of a session: the source is verified off in
+//! time (or, if the source itself is lost, the relays are open and the source is verified off when it returns), the
+//! frame is marked, and the session is suspended until the fault is over.
 //!
-//! The times printed are the daemon's own, from the detection of the fault to the reply that the source is off. 100 ms
-//! are promised, and asserted in `drivers/rig/tests/exits.rs` on a clock that does not depend on the machine's load; here
-//! ten times as much is allowed.
+//! The printed times are measured by the daemon, from the detection of the fault to the reply that the source is off.
+//! The promised 100 ms are asserted in `drivers/rig/tests/exits.rs`, with a clock that does not depend on the machine's
+//! load; here ten times as much is allowed.
 
 use crate::stage::{DEADLINE, Running, Stage, assert_whole};
 use dbus::{Options, Session1Proxy};
@@ -18,15 +18,15 @@ const ANSWER_MS: u64 = 1000;
 /// The expected course of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Course {
-    /// A frame fails, the session is suspended and continues, after a repair by this command if the fault does not end
-    /// by itself.
+    /// A frame fails, the session is suspended and continues. If the fault does not end by itself, this command ends
+    /// it.
     Recovers(Option<&'static str>),
-    /// Frames are measured, their readings are marked; repaired by this command.
+    /// Frames are measured, and their readings are marked. This command ends the fault.
     Marked(&'static str),
-    /// Not detectable by read-back: the frame is recorded, and this flag of its quality says that its readings are wrong.
-    /// See `ARCHITECTURE.md`. Ended by this command.
+    /// Not detectable by read-back: the frame is recorded, and this flag of its quality shows that its readings are
+    /// wrong. See `ARCHITECTURE.md`. This command ends the fault.
     Flagged(QualityFlag, &'static str),
-    /// Changes no reading: frames go on, whole and without a flag.
+    /// Changes no reading: further frames are complete and have no flag.
     Harmless,
 }
 use Course::{Flagged, Harmless, Marked, Recovers};
@@ -89,8 +89,8 @@ const ON_SERIAL: &[(&str, Course)] = &[
     ("queue-overflow board", Harmless),
 ];
 
-/// The serial line itself disappears: its far end is closed while the daemon has it open, which gets a hang-up, and its
-/// device name is gone until it is plugged in again.
+/// The serial line itself disappears: its far end is closed while the daemon has the line open, and the daemon gets a
+/// hang-up. Its device name does not exist until it is plugged in again.
 const UNPLUGGED: &[(&str, Course)] = &[("serial unplug", Recovers(Some("serial plug")))];
 
 /// A served rig and a daemon that measures with it.
@@ -178,8 +178,8 @@ impl Play {
         self.rig.fault(&fault).expect("this rig has it");
     }
 
-    /// A returned source is switched off before any other instrument gets a message, and switched on only when
-    /// everything is verified.
+    /// Asserts that a returned source was switched off before any other instrument received a message, and switched on
+    /// only after the settings were verified.
     fn came_back_off(&self, words: &str) {
         let message = self.rig.transcript();
         let back = message.iter().position(|message| {
@@ -187,7 +187,8 @@ impl Play {
         });
         let back = back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"));
         let (until_then, message) = message.split_at(back);
-        // the last message that moves relays, if the switch got one after the fault was detected, opens them
+        // if the switch received a message that moves relays after the fault was detected, the last such message opens
+        // them
         let moved = until_then.iter().rev().find(|message| {
             message.instrument != Instrument::Source && moves_relays(&message.received)
         });
@@ -229,8 +230,8 @@ impl Play {
                             // receive events before frames, so that an event is not missed for a later frame
                             biased;
                             signal = dbus::next(&mut happened) => signal.expect("the daemon runs"),
-                            // a fault that ends by itself may have ended while the source was switched off (up to two
-                            // attempts), or between two frames: cause it again
+                            // a fault that ends by itself may have ended while the source was being switched off (up to
+                            // two attempts), or between two frames: cause it again
                             _ = self.next_frame(), if reported.is_empty() && mend.is_none() => {
                                 self.fault(words);
                                 continue;
@@ -243,7 +244,7 @@ impl Play {
                                 let took = off_after_ms(signal.text);
                                 assert!(took.is_some_and(|ms| ms <= 1000.0), "{}", signal.text);
                             }
-                            // if the fault ends by itself the source may have returned by now
+                            // if the fault ends by itself, the source may have returned by now
                             "source-unknown" if !mended => {
                                 assert!(
                                     self.rig.poles().iter().take(2).all(Option::is_none),

@@ -38,7 +38,8 @@ async fn an_overload_is_a_flag_and_not_a_number() {
     }
 }
 
-/// Files on this disk cannot grow beyond 0.6 MB: an I/O error to SQLite, after which the state of a file is uncertain.
+/// Files on this disk cannot grow beyond 0.6 MB. SQLite reports an I/O error, after which the state of the file is
+/// unknown.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     let stage = Stage::new(SMALL);
@@ -48,7 +49,7 @@ async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     let session = daemon.start(Options::new()).await;
     let first = session.path().await.unwrap();
     let alarm = reported(&mut happened, "alarm").await;
-    // an unread stream would make the daemon drop this client as frozen
+    // the daemon would disconnect this client as unresponsive if the signals were not read
     drop(happened);
     assert!(
         alarm.contains(&format!("writing to {first} has stopped")),
@@ -61,7 +62,7 @@ async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     assert!(second != first && second.contains("_p"), "{second}");
     session.stop().await.unwrap();
     let acknowledged = session.frames_durable().await.unwrap();
-    // if the next part repeats frames of a part, the next part's copies count
+    // if frames of a part are repeated in the next part, those in the next part are valid
     let mut sequences = std::collections::BTreeSet::new();
     for entry in std::fs::read_dir(stage.path().join("state")).unwrap() {
         let path = entry.unwrap().path();
@@ -103,7 +104,7 @@ async fn a_lost_source_is_verified_off_before_the_session_goes_on() {
         let signal = within(dbus::next(&mut happened)).await.unwrap();
         let reported = signal.args().unwrap();
         let again = kinds.last().is_some_and(|last| last == reported.kind);
-        // the number of attempts until this test has repaired the connection depends on the machine
+        // the number of attempts before this test has restored the connection depends on the machine
         if !(again && reported.kind == "reconnecting") {
             kinds.push(reported.kind.to_string());
         }
@@ -187,7 +188,7 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(1)).await.unwrap();
-    // between two frames, so that the next frame misses both at once
+    // between two frames, so that both connections fail in the next frame
     rig.set_wire(Instrument::Source, Wire::Cut);
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
     let stepped = session.clone();
@@ -199,7 +200,7 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
         kinds.push(reported.kind.to_string());
         match reported.kind {
             "alarm" => assert!(reported.text.contains("may be live"), "{}", reported.text),
-            // the switch first: its relays are opened while the source is still missing
+            // the switch returns first: its relays are opened while the source is still missing
             "reconnecting" => rig.set_wire(Instrument::Mainframe, Wire::Sound),
             "relays-open" => {
                 assert!(rig.closed().is_empty());
@@ -375,7 +376,7 @@ async fn after_a_kill_frames_are_kept_and_the_rig_is_made_safe() {
     assert!(record.len().unwrap() >= acknowledged);
     assert!(record.closed().is_none());
 
-    // the actions of systemd before it starts the daemon again (ExecStopPost, ExecStartPre)
+    // what systemd runs before it starts the daemon again (ExecStopPost, ExecStartPre)
     let stage = std::sync::Arc::new(stage);
     let before = std::sync::Arc::clone(&stage);
     let safe_off = tokio::task::spawn_blocking(move || before.run(&["--safe-off"]))

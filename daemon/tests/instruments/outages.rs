@@ -1,7 +1,8 @@
-//! Faults that no simulator has: a network link taken down below TCP, a change of the wall clock, a stopped daemon.
+//! Faults that the simulators do not have: a network link taken down below TCP, a change of the wall clock, a stopped
+//! daemon.
 //!
-//! A machine may lack the requirements of the first two (network namespaces for an unprivileged user, libfaketime):
-//! these tests then print so and pass, unless TACTUS_REQUIRE_NETNS=1 or TACTUS_REQUIRE_FAKETIME=1.
+//! A machine may lack the requirements of the first two (network namespaces for an unprivileged user, libfaketime).
+//! Their tests then report that and pass, unless TACTUS_REQUIRE_NETNS=1 or TACTUS_REQUIRE_FAKETIME=1.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -39,7 +40,7 @@ fn no_sequence_is_missing(records: &[Record]) {
 const INSIDE: &str = "TACTUS_TEST_INSIDE";
 const OWN_NETWORK: [&str; 3] = ["--user", "--map-root-user", "--net"];
 
-/// Whether this process has its own network namespace. If not, the test is run again in one, and this run is over.
+/// Whether this process has its own network namespace. If not, runs the test again in one; this run must then return.
 fn has_own_network(test: &str) -> bool {
     if std::env::var_os(INSIDE).is_some() {
         return true;
@@ -97,7 +98,8 @@ impl Cable {
         self.plug();
     }
 
-    /// Packets in flight are lost, and neither side is notified: no end of a connection, no refusal.
+    /// Takes the link down: packets in flight are lost, and neither side is notified by the end of a connection or a
+    /// refusal.
     fn unplug(self) {
         ip(&format!("link set rig{} down", self as u8));
     }
@@ -113,7 +115,7 @@ impl Cable {
     }
 }
 
-/// Script that moves the far ends of the cables from the network of process $RIG to its own, and executes its
+/// Script that moves the far ends of the cables from the network of process $RIG to its own network, and executes its
 /// arguments.
 const AT_THE_FAR_END: &str = r#"
 set -e
@@ -125,7 +127,7 @@ done
 exec "$0" "$@"
 "#;
 
-/// Instruments in this network, a daemon in another, cables between them.
+/// Instruments in this network namespace, a daemon in another, and the cables between them.
 struct Cabled {
     rig: SimulatedRig,
     _server: Server,
@@ -235,7 +237,7 @@ async fn a_session_goes_on_after_a_pulled_cable_is_back() {
     daemon.terminate().await;
 }
 
-/// Whether a process's TCP still waits for the end of a connection to the source.
+/// Whether a process still has a TCP connection to the source, other than one being opened.
 fn lingers(process: u32) -> bool {
     // 10.77.1.2 in the notation of /proc, and the state of a connection that is being opened
     const SOURCE: &str = "02014D0A:";
@@ -248,8 +250,8 @@ fn lingers(process: u32) -> bool {
     })
 }
 
-/// Disconnected behind a network switch: the daemon's own link stays up, and its TCP times out without a notification.
-/// The 6221 has one connection slot, and keeps it for the lost client.
+/// The source is disconnected behind a network switch: the daemon's link stays up, and its TCP connection times out
+/// without a notification. The 6221 has one connection slot, which stays occupied by the lost client.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
     if !has_own_network("outages::a_source_that_keeps_its_place_for_a_lost_client_is_had_back") {
@@ -265,7 +267,7 @@ async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(2)).await.unwrap();
     rig.keep_transcript();
-    // Between two frames: replies of the source are lost, and it has nothing to retransmit by itself.
+    // Between two frames: replies of the source are lost, and the source has nothing to retransmit.
     ip("addr del 10.77.1.2/24 dev rig1");
     let requested = session.step(1);
     let had_back = async {
@@ -336,7 +338,7 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
     // an hour ahead, then two hours back
     for (off_s, step) in [(HOUR_S, "by +36"), (-HOUR_S, "by -7")] {
         set_clock(&clock, off_s);
-        // a busy machine may read the two clocks a second apart, which is reported too
+        // on a busy machine the two clocks may be read a second apart, which is reported too
         while !reported(&mut happened, "clock-moved").await.contains(step) {}
         frames_go_on(&session, &mut frames, 5).await;
     }
@@ -347,7 +349,8 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
     let records = records(&path);
     no_sequence_is_missing(&records);
     assert_whole(&path);
-    // the monotonic clock kept the schedule, the wall clock was set twice: nothing else moves either by a minute
+    // the frames followed the schedule by the monotonic clock, and the wall clock was set twice; all other deviations
+    // are below a minute
     let (first, last) = (&records[0].frame, &records[records.len() - 1].frame);
     let places = records.len() as u64 - 1 + missed;
     let lasted = (last.monotonic - first.monotonic).as_secs_f64();
@@ -411,9 +414,9 @@ async fn a_daemon_that_was_paused_goes_on_and_reports_what_it_missed() {
         }
     })
     .await;
-    // its record is readable meanwhile
+    // the record of the stopped daemon is readable
     assert!(SessionReader::open(&path).unwrap().len().unwrap() >= acknowledged);
-    // the time that another session needs for this number of frames of the same schedule
+    // waits for the time that another session needs for this number of frames with the same schedule
     const MEANWHILE: u64 = 15;
     let other = Stage::new(SMALL);
     let measuring = other.start().await;

@@ -66,7 +66,7 @@ async fn a_sound_rig_passes_and_its_sheet_is_measured_two_ways() {
     }
 }
 
-/// The assessment knows neighbouring pairs only.
+/// The self-test uses pairs of neighbouring electrodes for any `skip`; it is refused with `half`.
 #[tokio::test(flavor = "multi_thread")]
 async fn surveys_of_other_pairs_are_tested_by_neighbours() {
     for (survey, possible) in [("skip = 1", true), ("half = true", false)] {
@@ -92,8 +92,8 @@ async fn surveys_of_other_pairs_are_tested_by_neighbours() {
     }
 }
 
-/// A sheet with another resistance than configured, with contacts that differ: the self-test measures the actual sheet
-/// and does not assume the configured one.
+/// A sheet whose resistance and contacts differ from the configuration: the self-test measures the actual sheet and
+/// does not assume the configured one.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sheet_that_is_not_as_configured_is_measured_as_it_is() {
     for truth in [310.0, 2400.0] {
@@ -266,7 +266,7 @@ async fn a_stop_in_the_middle_leaves_the_source_off() {
     let mut progress = daemon.manager.receive_test_progress().await.unwrap();
     let manager = daemon.manager.clone();
     let test = tokio::spawn(async move { manager.test_instruments(&Options::new()).await });
-    // the second step: current flows, or is about to
+    // after the second step current flows, or is about to flow
     for _ in 0..2 {
         within(dbus::next(&mut progress)).await.unwrap();
     }
@@ -294,8 +294,8 @@ async fn closures_are_counted_and_projected() {
         assert_eq!(relays.len(), 32);
         let of = |number: u32| relays.iter().find(|wear| wear.relay == number).unwrap();
         let (injecting, measuring) = (of(1036), of(1001));
-        // three frames: a frame closes each injecting relay once and scans each measuring one at each of 16 injections,
-        // for each of the readings that are averaged
+        // after three frames: a frame closes each injecting relay once, and scans each measuring relay at each of 16
+        // injections, once for each averaged reading
         let scans = 16 * averages;
         assert_eq!((injecting.cycles, measuring.cycles), (3, 3 * scans));
         assert_eq!((injecting.rated, injecting.used), (1000, 0.003));
@@ -327,9 +327,9 @@ async fn zero_current_frames_count_in_the_life_of_relays() {
             .await
             .unwrap();
         let wear = relays.iter().find(|wear| wear.relay == 1036).unwrap();
-        // a zero-current frame before the first and before the third
+        // a zero-current frame precedes the first and the third frame
         assert_eq!(wear.cycles, 6);
-        // three closures for two frames
+        // the relay closes three times for two frames
         let left = 994.0 / 1.5;
         let frame = daemon.manager.plan().await.unwrap().duration_s;
         let period = f64::from(every_s).max(1.5 * frame);

@@ -17,7 +17,7 @@ fn other(module: bool) -> SimulatedRig {
     rig
 }
 
-/// An unknown instrument gets an identity query and nothing else.
+/// Asserts that an unknown instrument received an identity query and no other message.
 fn assert_untouched(rig: &SimulatedRig) {
     let message = rig.transcript().into_iter();
     let reported: Vec<String> = message
@@ -130,7 +130,7 @@ async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
     daemon.terminate().await;
 
-    // accepted once, expected from then on
+    // the accepted instrument is expected by the next daemon
     let daemon = stage.start().await;
     assert_eq!(daemon.manager.state().await.unwrap(), "idle");
     daemon.terminate().await;

@@ -1,5 +1,5 @@
-//! Access control on each of the three kinds of connection to the daemon: polkit granting, denying, silent and absent;
-//! other users.
+//! Access control on each of the three kinds of connection to the daemon: polkit grants, denies, does not reply, or is
+//! absent; other users.
 
 use std::collections::HashMap;
 use std::os::unix::fs::PermissionsExt;
@@ -20,7 +20,7 @@ use zbus::{Connection, OwnedVariant};
 /// Another user, if the tests run as root.
 const NOBODY: u32 = 65_534;
 
-/// The reply of a test's authority to a request.
+/// The reply of the test's polkit authority to a request.
 #[derive(Clone)]
 enum PolkitReply {
     Yes,
@@ -30,7 +30,7 @@ enum PolkitReply {
     YesWhen(watch::Receiver<bool>),
 }
 
-/// The requests: the sender's name, the action, the flags.
+/// The received requests: name of the sender, action, flags.
 type Requests = Arc<watch::Sender<Vec<(String, String, u32)>>>;
 
 struct Authority {
@@ -64,7 +64,7 @@ impl Authority {
     }
 }
 
-/// A daemon on a bus with this authority, and a client there.
+/// A daemon on a bus with this authority, and a client on the bus.
 struct Scene {
     daemon: Running,
     client: Connection,
@@ -121,7 +121,8 @@ impl Scene {
             .collect()
     }
 
-    /// `busctl call` of a method of the manager by another user; `None`, with a message, if this cannot be tested here.
+    /// Calls a method of the manager with `busctl call` as another user; `None`, with a message, if this cannot be
+    /// tested here.
     fn as_another(&self, method: &[&str]) -> Option<Output> {
         self.open_to_all();
         as_nobody(
@@ -255,7 +256,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     refused(simulation.release().await, why);
     assert_eq!(scene.actions().len(), 17);
 
-    // reading is allowed for everybody; nothing was changed
+    // reading is allowed for all users; the refused calls have changed nothing
     assert_eq!(session.state().await.unwrap(), "running");
     assert_eq!(session.frames_acquired().await.unwrap(), 0);
     within(running.stop()).await.unwrap();
@@ -301,7 +302,7 @@ async fn a_polkit_that_never_answers_is_a_refusal() {
         return;
     };
     refused(within(scene.manager.open_all()).await, "did not reply");
-    // and delays no other client
+    // and no other client is delayed
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
 }
 
@@ -311,7 +312,7 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
     let Some(scene) = Scene::set("system", Some(PolkitReply::YesWhen(message))).await else {
         return;
     };
-    // the timeout for a user's reply is much longer than this test takes
+    // the timeout of the password dialog is much longer than this test
     let ask = async |manager: Manager1Proxy<'static>| -> zbus::Result<Option<String>> {
         let flags = MethodFlags::ALLOW_INTERACTIVE_AUTH;
         let inner = manager.inner();
@@ -383,7 +384,7 @@ async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
         let text = message(&output);
         assert!(text.contains("only the daemon's own user"), "{text}");
     }
-    // even if the socket's permission bits let everybody connect
+    // even if the permissions of the socket let all users connect
     for (path, mode) in [("run", 0o711), ("run/peer", 0o666)] {
         let path = scene.stage.path().join(path);
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();

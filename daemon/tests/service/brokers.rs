@@ -1,4 +1,4 @@
-//! The daemon on a bus with a broker: a private one for each test.
+//! The daemon on a bus with a broker, which is private to each test.
 
 use std::process::Command;
 use std::time::Duration;
@@ -51,7 +51,7 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
         Err(fault) => needs::lacking("DBUS", &format!("busctl: {fault}")),
     }
 
-    // another connection requests the name with replacement
+    // another connection tries to replace the owner of the name
     let thief = broker.connect().await;
     let forced = thief
         .request_name_with_flags(
@@ -113,20 +113,20 @@ async fn a_restarted_bus_has_the_daemon_again_and_no_frame_is_lost() {
     }
     let took = back.elapsed();
     println!("the name is owned again {took:?} after the bus is back");
-    // ten times the longest time between two attempts
+    // ten times the maximum time between two attempts
     assert!(took < Duration::from_secs(50), "{took:?}");
     let again = dbus::Manager1Proxy::builder(&connection)
         .path(ROOT_PATH)
         .build()
         .await
         .unwrap();
-    // the running session is available there too
+    // the running session is available on the restarted bus too
     let same = dbus::Session1Proxy::builder(&connection)
         .path(session.inner().path().to_owned())
         .build()
         .await
         .unwrap();
-    // on a busy machine a timeout may have occurred: the daemon recovers from that, which is covered by another test
+    // on a busy machine a timeout may have suspended the session; the recovery is covered by another test
     let mut done = same.receive_frame_done().await.unwrap();
     while within(again.state()).await.unwrap() != "acquiring" {
         eprintln!("not yet: {:?}", same.last_error().await);

@@ -20,7 +20,7 @@ fn the_shipped_example_is_valid_and_has_every_section() {
     let text = std::fs::read_to_string(file).unwrap();
     let (code, message) = check(&text);
     assert_eq!((code, message.as_str()), (Some(0), ""));
-    // the same with every commented-out key is parsed too, though it has too many errors to run
+    // the file with every commented-out key activated is parsed too, although it has too many errors to run
     for section in [
         "rig",
         "source",
@@ -200,7 +200,8 @@ fn each_bad_input_is_named_at_its_place() {
         let (code, message) = check(&config);
         assert_eq!(code, Some(78), "{config}\n{message}");
         if says == ":3:8: the rig" {
-            // two missing instruments (the switch measures, too) and two keys of a simulated rig: all reported at once
+            // two missing instruments (the switch is also the voltmeter) and two keys of a simulated rig: all are
+            // reported together
             assert_eq!(message.lines().count(), 4, "{message}");
             assert!(
                 message.contains(":1:1: source: the rig has no [source]"),
@@ -266,7 +267,7 @@ fn a_record_directory_that_is_a_file_is_an_error() {
             "{args:?}: {message}"
         );
     }
-    // switching off needs no record
+    // `--safe-off` needs no record
     assert_eq!(stage.run(&["--safe-off"]).status.code(), Some(0));
 }
 
@@ -287,7 +288,7 @@ fn the_plan_is_printed_and_nothing_moves() {
         "{text}"
     );
     assert!(text.contains("settle 2.0 ms"), "{text}");
-    // no number is printed with more digits than are known
+    // no number is printed with more digits than are significant
     let mut words = text.split(|letter: char| !letter.is_ascii_digit() && letter != '.');
     assert!(
         !words.any(|word| word

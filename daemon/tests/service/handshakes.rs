@@ -13,14 +13,14 @@ fn greeting() -> Vec<u8> {
     format!("\0AUTH EXTERNAL {digits}\r\n").into_bytes()
 }
 
-/// Noise that is the same each time, with all 256 byte values.
+/// Reproducible pseudo-random bytes of all 256 values.
 fn noise(length: u32) -> Vec<u8> {
     (0..length)
         .map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8)
         .collect()
 }
 
-/// Sends this and waits until the daemon has closed the connection.
+/// Sends these bytes and waits until the daemon has closed the connection.
 async fn send_and_await_close(socket: &std::path::Path, words: &[u8], leaves: bool) {
     let mut stream = within(UnixStream::connect(socket)).await.unwrap();
     // the daemon may have closed the connection before everything was sent
@@ -32,13 +32,13 @@ async fn send_and_await_close(socket: &std::path::Path, words: &[u8], leaves: bo
     let _ = within(stream.read_to_end(&mut answer)).await;
 }
 
-/// The session takes another frame, and no fault was reported.
+/// Asserts that the session takes another frame, and that the daemon is not faulted.
 async fn assert_frames_continue(
     measuring: &mut Measuring,
     end: &mut JoinHandle<String>,
     after: &str,
 ) {
-    // the first may have been queued already
+    // the first signal may have been queued before
     for _ in 0..2 {
         let frame = async {
             tokio::select! {
@@ -52,7 +52,7 @@ async fn assert_frames_continue(
     assert_ne!(state, "faulted", "after {after}");
 }
 
-/// Waits in the background for the end of the session, which must not happen.
+/// Waits in a task for the end of the session, which must not occur.
 fn watched(measuring: &Measuring) -> JoinHandle<String> {
     let session = measuring.session.clone();
     tokio::spawn(async move { format!("{:?}", session.wait().await) })
@@ -144,7 +144,7 @@ async fn idle_connection_is_dropped_and_delays_no_other() {
         let _ = within(stream.read_to_end(&mut answer)).await;
     }
     assert_frames_continue(&mut measuring, &mut end, "silence").await;
-    // and their connection slots are free again
+    // and the connection slots of those clients are free again
     let mut others = Vec::new();
     for _ in 0..30 {
         let connected = async {

@@ -67,7 +67,7 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
     assert_eq!(text.count(), 1, "{log}");
 }
 
-/// A session whose frames are taken on request, so that nothing is sent on its streams meanwhile.
+/// A session whose frames are taken on request, so that nothing is sent on its streams between the requests.
 async fn step_session(daemon: &Running) -> Session1Proxy<'static> {
     daemon.baseline(1).await;
     daemon.start(Options::new().with("step", true)).await
@@ -92,7 +92,7 @@ async fn one_user_has_sixteen_streams_on_all_connections() {
     streams.push(at_last(async || open(&session).await).await);
     too_many(open(&theirs).await, "you have 16 open streams");
 
-    // and all of them receive the frame and the end
+    // and all streams receive the frame and the end
     within(session.step(1)).await.unwrap();
     within(session.stop()).await.unwrap();
     for stream in streams {
@@ -132,7 +132,7 @@ async fn one_user_has_thirty_two_calls_that_wait() {
             "{answer:?}"
         );
     }
-    // methods with an immediate reply have separate slots, and so has stopping
+    // methods with an immediate reply, and stopping, have separate slots
     assert_eq!(session.state().await.unwrap(), "running");
     within(daemon.manager.health()).await.unwrap();
     within(theirs.stop()).await.unwrap();
@@ -164,7 +164,7 @@ async fn wait_and_disconnect(connection: Connection, session: &Session1Proxy<'_>
     let _ = connection.close().await;
 }
 
-/// Whether a call of Wait was accepted: it is not rejected while the same connection gets twenty replies.
+/// Whether a call of Wait is accepted: it is not rejected during twenty replies on the same connection.
 async fn waits(session: &Session1Proxy<'_>) -> Result<(), ()> {
     let answered = async {
         for _ in 0..20 {
@@ -295,7 +295,7 @@ async fn ten_thousand_sessions_hold_up_neither_start_nor_list() {
     let (status, _) = daemon.terminate().await;
     assert!(status.success());
 
-    // a session starts once the files have been read: its baseline is one of them
+    // a session is started after the files have been read: its baseline is in one of them
     let daemon = start("nothing known of them").await;
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.stop()).await.unwrap();

@@ -1,4 +1,4 @@
-//! No socket listens beyond this host unless it is configured: checked against the kernel's list of a daemon's sockets.
+//! No socket listens for other hosts unless it is configured. Checked with the kernel's list of a daemon's sockets.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -20,7 +20,7 @@ fn sockets(process: &Path) -> BTreeSet<String> {
     inodes
 }
 
-/// Lines of `/proc/PID/net/tcp` and similar files for these sockets: bound ones in any state.
+/// Lines of `/proc/PID/net/tcp` and similar files for these sockets, in any state.
 fn bound(process: &Path, inodes: &BTreeSet<String>) -> Vec<String> {
     let tables = ["tcp", "tcp6", "udp", "udp6", "raw", "raw6"];
     let mut lines = Vec::new();

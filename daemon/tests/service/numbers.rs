@@ -48,7 +48,7 @@ where
     }
 }
 
-/// The options of a method, according to its own error message.
+/// The options of a method, as listed in its error message.
 async fn options_of(client: &Connection, path: &str, interface: &str, method: &str) -> Vec<String> {
     let requested = Options::new().with("no-such-option", 1.0);
     let answer = match method {
@@ -91,7 +91,7 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
             for (value, written) in extremes() {
                 let mut options = HashMap::from([(name.clone(), value.try_clone().unwrap())]);
                 let answer = if method == "Discover" {
-                    // no search is done
+                    // disables the search
                     for off in ["mdns", "broadcast"] {
                         options
                             .entry(off.to_owned())
@@ -120,9 +120,9 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
                     assert!(named.iter().any(|name| text.contains(name)), "{what}");
                     let ranged = ["from ", "none of ", "one of ", "above "];
                     let by_range = ranged.iter().any(|word| text.contains(word));
-                    // if another type is expected the message names it
+                    // if another type is expected, the message names it
                     let by_kind = text.contains("must be a text") || text.contains("must be true");
-                    // if the option is for recordings, the error of a rig states only that
+                    // if the option is only for recordings, the message states only that
                     let elsewhere = text.contains("for recordings");
                     assert!(by_range || by_kind || elsewhere, "{what}");
                     let valued = text.contains(written) || text.contains("must be a whole number");
@@ -237,7 +237,7 @@ async fn a_reload_with_any_number_leaves_the_session_running() {
             "{state}"
         );
     }
-    // in the configuration at start: the daemon exits with a code for which systemd does not retry
+    // if the number is in the configuration at the start, the daemon exits with a code for which systemd does not retry
     for value in ["inf", "nan", "1e308"] {
         let stage =
             Stage::new(&SMALL.replace("[survey]\n", &format!("[survey]\nnplc = {value}\n")));

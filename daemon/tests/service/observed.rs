@@ -1,4 +1,4 @@
-//! The health of a running daemon: good, and then not, with the reason.
+//! The health of a running daemon: without problems, and then with problems and their reasons.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use tokio::net::TcpStream;
 
 use crate::stage::{Measuring, SMALL, Stage, reported, within};
 
-/// The daemon's own report.
+/// The health as the daemon reports it.
 async fn health(daemon: &crate::stage::Running) -> dbus::Health {
     within(daemon.manager.health()).await.unwrap()
 }
@@ -38,7 +38,7 @@ async fn a_daemon_reports_its_health() {
     assert_eq!(now.total_durable, Some(5));
     assert_eq!(now.last_frame_sequence, Some(3));
     assert!(now.baseline_age_s.unwrap() >= 0.0);
-    // counters of these relays have not been queried
+    // the counters were read before the first session; the closures since are extrapolated
     assert!(now.relay_used.unwrap() > 0.0, "{now:?}");
     // a frame taken on request is never overdue
     assert_eq!(now.quiet_s, None);
@@ -99,7 +99,7 @@ async fn a_lost_rig_and_its_failed_frame_are_trouble_until_it_is_back() {
     within(session.stop()).await.unwrap();
 }
 
-/// One scrape.
+/// Requests the metrics once; returns the body.
 async fn scrape(address: &str) -> String {
     let mut stream = TcpStream::connect(address).await.unwrap();
     let request = b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n";
@@ -116,7 +116,8 @@ async fn scrape(address: &str) -> String {
     body.to_owned()
 }
 
-/// Every line of an exposition is a comment of a known kind or a sample of a described family, and the end is marked.
+/// The samples of an exposition. Panics unless every line is a comment of a known kind or a sample of a described
+/// family, and the end is marked.
 fn parsed(body: &str) -> Vec<(String, f64)> {
     let mut families = BTreeSet::new();
     let mut samples = Vec::new();
@@ -146,7 +147,7 @@ fn parsed(body: &str) -> Vec<(String, f64)> {
     samples
 }
 
-/// The address of the metrics: the listener is opened in parallel with everything else.
+/// The address of the metrics. Waits for it, because the listener is opened in a separate task.
 async fn address(daemon: &crate::stage::Running) -> String {
     loop {
         if let Some(address) = health(daemon).await.metrics {
@@ -180,7 +181,7 @@ async fn alarms_of_rules_are_in_the_metrics() {
             "tactus_alarm_unjudged{name=\"old\",severity=\"major\"}".to_owned(),
             0.0,
         ),
-        // its value needs hours of frames
+        // the value of this quantity needs hours of frames
         (
             "tactus_alarm_unjudged{name=\"lying\",severity=\"minor\"}".to_owned(),
             1.0,
@@ -236,7 +237,7 @@ async fn metrics_are_scraped_and_every_line_is_understood() {
     ] {
         assert_eq!(of(&after, name), Some(value), "{name}\n{after:#?}");
     }
-    // a map may come after its frame, and each bucket includes those below it
+    // a map may be counted after its frame, and each bucket includes those below it
     let maps = of(&after, "tactus_reconstruction_seconds_count").unwrap();
     let buckets: Vec<f64> = after
         .iter()
@@ -257,8 +258,8 @@ async fn metrics_are_scraped_and_every_line_is_understood() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_healthy_session_of_1000_frames_logs_two_lines() {
-    // a session without maps, because on a busy machine those may be late, which is an event. Frames without a pause
-    // soon fill any disk
+    // a session without maps, because late maps on a busy machine would be events. `disk_days` is small, because frames
+    // without a pause would soon fill any disk
     let stage = Stage::new(&format!("{SMALL}[notify]\ndisk_days = 1e-6\n"));
     let daemon = stage.start_with_its_usual_words().await;
     let session = daemon.baseline(1000).await;
@@ -273,7 +274,7 @@ async fn a_healthy_session_of_1000_frames_logs_two_lines() {
         of_the_session[1].contains("1000 frames on disk, 0 failed"),
         "{log}"
     );
-    // apart from these only the start and the end of the daemon
+    // the other lines are about the start and the end of the daemon
     assert!(log.lines().count() <= 6, "{log}");
 }
 
@@ -300,7 +301,7 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     let stage = Stage::new(SMALL);
     let payload = stage.path().join("letter.json");
     let script = format!("cat >> {}; echo to the wind >&2; exit 4", payload.display());
-    // a baseline counts as old at once
+    // a baseline counts as old immediately
     let with = format!(
         "{SMALL}[notify]\ncommand = [\"/bin/sh\", \"-c\", \"{script}\"]\nbaseline_days = 1e-9\n"
     );
@@ -334,7 +335,7 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     daemon.terminate().await;
 }
 
-/// The command hangs; frames continue, and the end of the daemon is not delayed.
+/// The command hangs: frames continue, and the end of the daemon is not delayed.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_command_that_hangs_holds_no_frame_back() {
     let folder = tempfile::tempdir().unwrap();

@@ -42,7 +42,7 @@ async fn a_bad_model_changes_nothing_and_is_named() {
     let before = method(&daemon).await;
     let file = stage.path().join("model.safetensors");
     let with_model = format!("{SMALL}\n[model]\nfile = \"{}\"\n", file.display());
-    // not there, then no model
+    // the file does not exist, then it is not a model
     for content in [None, Some("not a model")] {
         if let Some(content) = content {
             std::fs::write(&file, content).unwrap();
@@ -95,7 +95,7 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
         .unwrap_err();
     assert!(matches!(refused, Fault::BaselineMismatch(_)), "{refused:?}");
 
-    // a refused one discards the one that waits
+    // a refused configuration discards the one that waits
     daemon.baseline(1).await;
     let session = daemon.start(Options::new()).await;
     stage.configure(&with("500.0"));
@@ -107,7 +107,7 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
         "{refused:?}"
     );
     within(session.stop()).await.unwrap();
-    // a second refusal has nothing to discard, and follows the end of the session
+    // a second refusal has nothing to discard
     let refused = daemon.manager.reload().await.unwrap_err();
     assert!(!refused.text().contains("is discarded"), "{refused:?}");
     assert!((current(&daemon).await - 2.5e-4).abs() < 1e-12);
@@ -196,7 +196,7 @@ async fn a_source_never_reached_is_unknown_and_blocks_no_reload() {
     let config = config.replace("deadline_ms = 2000", "deadline_ms = 200");
     let stage = Stage::new(&config);
     let daemon = stage.start().await;
-    // a port that nothing listens on, and one of something that does not reply
+    // a port without a listener, and a port whose listener does not reply
     for listens in [false, true] {
         let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = other.local_addr().unwrap().to_string();
@@ -224,7 +224,7 @@ async fn a_source_never_reached_is_unknown_and_blocks_no_reload() {
     }
 }
 
-/// The rig of the stage, newly switched on.
+/// The rig of the stage in its state after power-on.
 fn fresh(stage: &Stage) -> ReplayTarget {
     let profile = Profile::load(stage.path().join("profile.toml").to_str().unwrap()).unwrap();
     let text = std::fs::read_to_string(stage.path().join("scene.toml")).unwrap();
@@ -252,7 +252,7 @@ async fn a_transcript_replays_and_an_altered_reply_is_found() {
     let played = replay("frame", &entries, &fresh(&stage), Comparison::Shapes).unwrap();
     assert!(played.replies > 50, "{played:?}");
 
-    // one digit of the 6221's level, in the middle
+    // changes one digit of the 6221's level in the middle of the transcript
     let altered = text.replacen("1.000000E-03;", "1.100000E-03;", 1);
     let altered = if altered == text {
         text.replacen("1.000000E-03", "1.100000E-03", 1)

@@ -1,4 +1,4 @@
-//! A session that has ended stays ended, whatever happens to its file: a full disk, a lock, a deleted file.
+//! A session that has ended is never resumed, even if its disk is full or its file is locked or deleted.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ pub async fn assert_stays_ended(stage: &Stage) -> Running {
     daemon
 }
 
-/// A separate disk for the record, so small that a session fills it.
+/// Mounts a separate disk for the record, so small that a session fills it.
 fn small_disk(stage: &Stage) -> PathBuf {
     let state = stage.path().join("state");
     std::fs::create_dir(&state).unwrap();
@@ -80,7 +80,7 @@ fn more_space(state: &Path) {
     mount(&["-o", "remount,size=30m"], state);
 }
 
-/// Fills the rest of a disk.
+/// Fills the free space of a disk; returns the file.
 fn fill(state: &Path) -> PathBuf {
     use std::io::Write;
     let path = state.join("ballast");
@@ -89,7 +89,7 @@ fn fill(state: &Path) -> PathBuf {
     path
 }
 
-/// A session whose record has no space left.
+/// Starts a session and fills the disk of its record.
 async fn paused_on_a_full_disk(daemon: &Running, state: &Path) -> Session1Proxy<'static> {
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new().with("every_s", 0.001)).await;
@@ -129,7 +129,8 @@ async fn a_stop_on_a_full_disk_is_honoured_by_the_next_daemon() {
     daemon.terminate().await;
 }
 
-/// If the record's disk cannot store the mark, the runtime directory does; if that cannot either, it is reported.
+/// If the end mark cannot be stored on the record's disk, it is stored in the runtime directory; if that fails too, it
+/// is reported.
 #[tokio::test(flavor = "multi_thread")]
 async fn unrecordable_end_is_reported() {
     if !has_own_mounts("endings::unrecordable_end_is_reported") {
@@ -146,7 +147,7 @@ async fn unrecordable_end_is_reported() {
         }
         let mut happened = daemon.manager.receive_happened().await.unwrap();
         let session = paused_on_a_full_disk(&daemon, &state).await;
-        // neither the locked file nor a next part on the full disk can store the end
+        // the end can be stored neither in the locked file nor in a next part on the full disk
         let held = lock(&session.path().await.unwrap(), false);
         let stopped = within(session.stop()).await;
         let Err(Fault::Failed(text)) = stopped else {
@@ -234,13 +235,13 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
 /// Locks a session's file as another program does, until the returned value is dropped.
 fn lock(path: &str, of_index: bool) -> Box<dyn std::any::Any> {
     if of_index {
-        // every process with read access to the index of the journal can do this; waits for the end of a write
+        // every process with read access to the journal's index can take this lock; waits for the end of a write
         let index = std::fs::File::open(format!("{path}-shm")).unwrap();
         let shared = FlockOperation::LockShared;
         rustix::fs::fcntl_lock(&index, shared).unwrap();
         return Box::new(index);
     }
-    // a database browser that has begun a write
+    // as a database browser does that has begun a write
     let other = rusqlite::Connection::open(path).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
     Box::new(other)
@@ -279,7 +280,7 @@ async fn a_locked_record_pauses_the_session_and_loses_no_frame() {
     durable(&session, session.frames_durable().await.unwrap() + 2).await;
     within(session.stop()).await.unwrap();
     let frames = session.frames_durable().await.unwrap();
-    // a longer lock, such as that of a busy machine, begins the next part
+    // after a longer lock, for example on a busy machine, the next part begins
     let same = session.path().await.unwrap() == first;
     assert!(same || held_for > LOCK_TIMEOUT, "{held_for:?}");
     assert!(
@@ -383,7 +384,7 @@ async fn a_file_that_is_deleted_or_replaced_loses_no_frame() {
         within(session.step(3)).await.unwrap();
         let path = session.path().await.unwrap();
         act(&path);
-        // within a second, with no further frame
+        // reported within a second, without a further frame
         let alarm = reported(&mut happened, "alarm").await;
         println!("{attack}: {alarm}");
         assert!(
@@ -410,11 +411,11 @@ async fn a_file_that_is_deleted_or_replaced_loses_no_frame() {
         assert!(kept.into_iter().eq(1..=5), "{attack}");
     }
     daemon.terminate().await;
-    // and nothing of it is resumed
+    // and the session is not resumed
     assert_stays_ended(&stage).await.terminate().await;
 }
 
-/// The daemon is started with a umask that makes files readable by everybody.
+/// The daemon is started with a umask that makes files readable by all users.
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_recorded_is_not_for_strangers_to_read() {
     use std::os::unix::fs::PermissionsExt;

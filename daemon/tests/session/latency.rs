@@ -26,8 +26,8 @@ async fn a_frame_is_durable_before_its_signal() {
     let mut took = Vec::new();
     let ended = session.wait();
     let mut ended = std::pin::pin!(ended);
-    // frames every 250 ms, because summaries are sent at least 200 ms apart: none has to be delayed; a machine that is
-    // too slow skips some
+    // a frame every 250 ms: summaries are sent at least 200 ms apart, so that none is delayed. A machine that is too
+    // slow skips some frames
     loop {
         let signal = tokio::select! {
             biased;

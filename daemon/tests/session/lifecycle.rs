@@ -170,7 +170,7 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
     let listed = daemon.manager.list_sessions(&Options::new()).await.unwrap();
     assert_eq!((listed[0].frames, listed[0].state.as_str()), (40, "closed"));
     assert_eq!(listed[1].kind, "baseline");
-    // page by page
+    // the list is read page by page
     let first = Options::new().with("count", 1_u64);
     let page = daemon.manager.list_sessions(&first).await.unwrap();
     assert_eq!((page.len(), &page[0].id), (1, &listed[0].id));
@@ -343,7 +343,8 @@ async fn a_bus_reader_that_freezes_is_dropped_and_the_others_go_on() {
         .collect();
     let gap = times.windows(2).map(|two| two[1] - two[0]).max().unwrap();
     println!("largest gap beside a frozen client: {gap:?}");
-    // a hundred times the 0.5 s after which such a client is dropped; otherwise there would be no next frame
+    // a hundred times the 0.5 s after which such a client is disconnected; if it blocked frames, there would be no next
+    // frame
     assert!(gap < std::time::Duration::from_secs(50), "{gap:?}");
     // an empty write fails once the daemon has closed the connection
     within(async {

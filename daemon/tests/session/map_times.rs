@@ -1,10 +1,10 @@
-//! Maps of methods that are slower than the frame rate, and of every n-th frame.
+//! Methods that are slower than the frames, and maps of every n-th frame.
 
 use crate::stage::{SMALL, Stage, within};
 use dbus::{Fault, Options};
 use logbook::SessionReader;
 
-/// Frames of 20 readings, and a method that takes many times longer on such a fine mesh.
+/// Frames of 20 readings, and a mesh so fine that a map takes many times longer than a frame.
 fn slow(more: &str) -> Stage {
     let config = SMALL
         .replace("electrodes = 16", "electrodes = 8")
@@ -35,7 +35,7 @@ async fn a_method_slower_than_frames_is_refused_at_start() {
     for words in ["total variation takes", "s for a map", "set map_every ="] {
         assert!(text.contains(words), "{words}: {text}");
     }
-    // with pauses between frames it keeps up
+    // with pauses between frames the method is fast enough
     let slowly = Options::new().with("every_s", 600.0).with("count", 1_u64);
     let session = daemon.start(slowly).await;
     within(session.wait()).await.unwrap();

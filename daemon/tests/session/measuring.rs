@@ -1,4 +1,4 @@
-//! The measuring settings of a session belong to it, are shown in the plan, and changes on the way are reported.
+//! A session may have its own measuring settings, which are shown in its plan; changes during the session are reported.
 
 use crate::stage::{SMALL, Stage, within};
 use dbus::{Fault, Options};
@@ -53,7 +53,8 @@ async fn session_measures_with_its_options_and_plan_shows_them() {
     assert_eq!(after.duration_s, configured.duration_s);
 }
 
-/// Only part of the readings, of pairs that are not neighbours: in the plan, the frame, the map and the record.
+/// A session with half of the readings, of pairs that are not neighbours: in the plan, the frame, the map and the
+/// record.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_session_can_have_a_pattern_of_its_own() {
     // the board connects any two electrodes
@@ -98,7 +99,7 @@ async fn a_session_can_have_a_pattern_of_its_own() {
     assert!(header.asked.contains("\"half\":true"), "{}", header.asked);
 }
 
-/// Before anything runs: cost and gain of a setting are the differences between the plans with and without it.
+/// Before a session runs: cost and gain of a setting are the differences between the plans with and without it.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_plan_shows_what_each_setting_would_cost() {
     let stage = Stage::new(&SMALL.replace("[survey]\n", "[survey]\nnplc = 0.02\nsettle_ms = 0\n"));

@@ -6,7 +6,7 @@ use logbook::SessionReader;
 
 use crate::stage::{SMALL, Stage, within};
 
-/// From the voltmeter's table: 0.1 mV at 0.02 power-line cycles on the 1 V range.
+/// Scene with the noise of the voltmeter's table: 0.1 mV at 0.02 power-line cycles on the 1 V range.
 const NOISY: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\n";
 
 fn noisy(more: &str) -> Stage {
@@ -23,7 +23,7 @@ async fn untouched(stage: &Stage) -> (f64, f64) {
     let session = daemon.start(Options::new().with("count", 1_u64)).await;
     crate::stage::ended(&session).await.unwrap();
     let map = session.latest_map().await.unwrap();
-    // an unloaded sheet shows nothing, whatever the noise that sets the regularisation
+    // the map of an unloaded sheet has no significant loss, at any noise that sets the regularisation
     assert_eq!(map.more.significant, Some(false));
     assert_eq!(map.more.found_x_m, None);
     let noise = map.more.noise.unwrap();
@@ -47,7 +47,7 @@ async fn a_method_is_set_by_the_noise_of_its_baseline() {
         loss < 0.5 * drawn,
         "an untouched sheet: {loss} by its own noise, {drawn} by 2 uV"
     );
-    // a frame of noise alone has a map of almost nothing
+    // a regularisation chosen for each frame reduces the map of noise alone to almost zero
     let (_, by_frame) = untouched(&noisy("")).await;
     assert!(
         by_frame < 0.5 * loss,
@@ -76,7 +76,7 @@ async fn a_contradicted_noise_is_a_warning_everywhere() {
     let remarks = daemon.manager.baseline().await.unwrap().more.remarks;
     assert!(remarks.unwrap()[0].contains("noise_uv"));
     assert!(daemon.terminate().await.0.success());
-    // now the record has a baseline to compare with
+    // now the record has a baseline to compare the configured noise with
     let message = stage.run(&["--check"]);
     let message = String::from_utf8_lossy(&message.stdout).into_owned();
     assert!(message.contains(" shows "), "{message}");
@@ -139,7 +139,7 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
     assert!(matches!(refused, Fault::NoSession(_)), "{refused:?}");
 }
 
-/// The settings of a method that a session keeps, and the hash of its configuration.
+/// The settings of the method that are stored with a session, and the hash of its configuration.
 async fn kept_model(session: &dbus::Session1Proxy<'_>) -> (toml::Table, String) {
     crate::stage::ended(session).await.unwrap();
     let path = session.path().await.unwrap();

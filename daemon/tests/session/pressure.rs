@@ -1,4 +1,4 @@
-//! From loss to pressure: only with a calibration, and only with one of this method on this mesh.
+//! Conversion of loss to pressure: only with a calibration for this method and this mesh.
 
 use crate::stage::{SMALL, Stage, within};
 use dbus::stream::{Body, Decoder};

@@ -1,4 +1,4 @@
-//! A record's disk that becomes read-only during a session, as ext4 does after an error of its device.
+//! The record's disk becomes read-only during a session, as ext4 does after an error of its device.
 
 use crate::endings::{assert_stays_ended, durable, recorded, resuming};
 use crate::mounts::has_own_mounts;

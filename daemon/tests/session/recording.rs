@@ -1,4 +1,4 @@
-//! A recording as the source of frames: the same sessions, the same record.
+//! A recording as the source of frames: sessions and records are the same as with a rig.
 
 use std::fmt::Write;
 
@@ -40,7 +40,7 @@ fn stage(config: &str, frames: usize) -> Stage {
             measurement.sense.minus,
         ];
         writeln!(text, "{reading},{},{},{},{}", a.0, b.0, c.0, d.0).unwrap();
-        // potential of a dipole on the edge of a disc
+        // logarithm of the distance between two electrodes on the edge of a disc, from which the voltages follow
         let chord = |p: survey::Electrode, q: survey::Electrode| {
             (std::f64::consts::PI * (p.0 as f64 - q.0 as f64) / 16.0)
                 .sin()
@@ -104,7 +104,7 @@ async fn a_played_recording_is_recorded_and_can_be_played_again() {
     let daemon = again.start().await;
     let session = daemon.start(Options::new().with("step", true)).await;
     assert_eq!(within(session.step(5)).await.unwrap(), 5);
-    // more than available was requested: the recording ends
+    // more frames than available were requested: the session ends with the recording
     assert_eq!(within(session.step(50)).await.unwrap(), 12);
     let same = session.latest_map().await.unwrap();
     assert_eq!(

@@ -68,7 +68,7 @@ async fn a_killed_session_resumes_with_its_id_schedule_and_a_gap() {
     assert_eq!(reader.header().about.operator, "Ada");
     assert_eq!(reader.frame(60).unwrap().frame.settings.nplc, 1.0);
     assert_eq!(kinds(&reader), [RESUMED, "quantities", "plausible"]);
-    // killed before the first state was kept
+    // the daemon was killed before the first state was stored
     let without = &reported(&reader)[1].text;
     assert!(
         without.contains("dose") && without.contains("begin again"),
@@ -159,7 +159,7 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     within(session.step(1)).await.unwrap();
     daemon.kill().await;
 
-    // one resumption an hour is allowed, which the next start uses
+    // one resumption per hour is allowed, which the next start uses
     stage.configure(&resuming().replace("resume = true", "resume = true\nresume_per_hour = 1"));
     let daemon = stage.start().await;
     let session = active(&daemon).await;
@@ -172,7 +172,7 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     assert!(reason.contains("1 times within an hour"), "{reason}");
     assert_eq!(reader.len().unwrap(), 2);
 
-    // with another kind of frame than the daemon uses now
+    // an interrupted session whose frames have another pattern than those of the next daemon
     let session = daemon.start(Options::new().with("step", true)).await;
     let whole = session.path().await.unwrap();
     daemon.kill().await;
@@ -185,8 +185,7 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     daemon.terminate().await;
 }
 
-/// Addresses identify instruments: a user configures the new address of an instrument, which is then the same
-/// instrument.
+/// If a user configures a new address for an instrument, a session with that instrument is resumed.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_session_resumes_with_instruments_at_new_addresses() {
     let (rig, server, config) = crate::stage::on_tcp().await;
@@ -198,7 +197,7 @@ async fn a_session_resumes_with_instruments_at_new_addresses() {
     let (id, file) = (session.id().await.unwrap(), session.path().await.unwrap());
     within(session.step(2)).await.unwrap();
 
-    // another daemon, with a record of its own
+    // another daemon, with a separate record
     let other = Stage::new(&config);
     let refused = other.run(&[]);
     let message = String::from_utf8_lossy(&refused.stderr);
@@ -223,8 +222,8 @@ async fn a_session_resumes_with_instruments_at_new_addresses() {
     daemon.terminate().await;
 }
 
-/// When started by hand, nothing switches off between a kill and the next start: relays are found closed, and the
-/// session explains them.
+/// If the daemon is started by hand, nothing switches the rig off between a kill and the next start: relays are found
+/// closed, and the interrupted session explains why.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_session_killed_in_a_frame_goes_on_by_hand_too() {
     let profile = Profile::default().at_pace(Pace::Real);

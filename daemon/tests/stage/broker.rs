@@ -29,7 +29,7 @@ impl Broker {
             needs::lacking("DBUS", "there is no dbus-daemon here");
             return None;
         };
-        // it prints its address when it listens
+        // the broker prints its address when it listens
         let mut line = String::new();
         let stdout = child.stdout.take().unwrap();
         std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).unwrap();

@@ -1,4 +1,4 @@
-//! A daemon in a folder of its own, reached through its peer socket.
+//! A daemon in a temporary folder, reached through its peer socket.
 
 // each test file uses only a part of this
 #![allow(dead_code)]
@@ -18,7 +18,7 @@ use zbus::{Connection, OwnedObjectPath};
 /// The common timeout of all waits.
 pub const DEADLINE: Duration = Duration::from_secs(120);
 
-/// A sheet with the fewest triangles that give a map, in instant time.
+/// A configuration with a small tank, on a simulated rig.
 pub const SMALL: &str = r#"
 [rig]
 kind = "simulated"
@@ -41,7 +41,7 @@ peer_path = "run/peer"
 
 const SCENE: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
 
-/// A folder with a configuration.
+/// A temporary folder with a configuration.
 pub struct Stage {
     pub folder: tempfile::TempDir,
 }
@@ -89,7 +89,7 @@ impl Stage {
     /// Starts the daemon with a file size limit in kilobytes.
     pub async fn start_on_a_small_disk(&self, kilobytes: u32) -> Running {
         let mut shell = tokio::process::Command::new("sh");
-        // 512-byte blocks; handling the signal of an exceeded limit is up to the daemon
+        // the limit is in 512-byte blocks; the daemon handles the signal of an exceeded limit
         let blocks = kilobytes * 2;
         shell
             .arg("-c")
@@ -226,7 +226,7 @@ impl Running {
         self.child.id().unwrap()
     }
 
-    /// Kills the daemon, as a power cut would.
+    /// Kills the daemon with SIGKILL.
     pub async fn kill(mut self) {
         within(self.child.kill()).await.unwrap();
     }
@@ -250,14 +250,14 @@ impl Running {
     }
 }
 
-/// Awaits under the common timeout.
+/// Awaits a future for at most [`DEADLINE`].
 pub async fn within<T>(future: impl Future<Output = T>) -> T {
     tokio::time::timeout(DEADLINE, future)
         .await
         .expect("nothing takes that long")
 }
 
-/// Waits for the end of a session; the common timeout holds from frame to frame, because a busy machine is slow.
+/// Waits for the end of a session. The common timeout applies from frame to frame, because a busy machine is slow.
 pub async fn ended(session: &Session1Proxy<'_>) -> Result<String, dbus::Fault> {
     let mut frames = session.frames_durable().await.unwrap();
     loop {
@@ -270,7 +270,7 @@ pub async fn ended(session: &Session1Proxy<'_>) -> Result<String, dbus::Fault> {
     }
 }
 
-/// A rig on TCP for faults by a test, and a configuration for it.
+/// A rig on TCP, in which a test can cause faults, and a configuration for it.
 pub async fn on_tcp() -> (SimulatedRig, simulator::Server, String) {
     let rig = instant(&Profile::default());
     let (server, config) = on_tcp_with(&rig).await;
@@ -301,7 +301,7 @@ pub fn instant(profile: &Profile) -> SimulatedRig {
     SimulatedRig::new(&profile.clone().at_pace(Pace::Instant), scene).unwrap()
 }
 
-/// Asserts that a returned source was switched off and verified before any other instrument got a message.
+/// Asserts that a returned source was switched off and verified before any other instrument received a message.
 pub fn assert_off_before_anything_else(message: &[TranscriptLine]) {
     let place = |from: usize, what: &dyn Fn(&TranscriptLine) -> bool| {
         let found = message[from..].iter().position(what);
@@ -320,8 +320,8 @@ pub fn assert_off_before_anything_else(message: &[TranscriptLine]) {
     );
 }
 
-/// A record is complete, and has the reasons for missing frames. (A busy machine that stops between two frames leaves no
-/// reason.)
+/// Asserts that a record is complete, and contains the reasons for missing frames. (There is no reason if a busy
+/// machine stopped between two frames.)
 pub fn assert_whole(path: &str) -> Verified {
     let verified = logbook::verify(path, |_| ()).unwrap();
     let beside_gaps = verified

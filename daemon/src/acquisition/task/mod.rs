@@ -46,7 +46,7 @@ pub(crate) enum FrameSource {
 pub(crate) enum AcquisitionEnd {
     /// As requested or scheduled.
     Done(String),
-    /// The rig failed; it is safe unless the text says otherwise.
+    /// The rig failed. It is safe, unless the text reports otherwise.
     Rig(Box<AcquireError>),
     /// The rig had been lost before the session used it.
     NoRig,

@@ -1,7 +1,7 @@
 //! Access control: one table from every method to an action, and one check in front of every object.
 //!
-//! Objects are only served behind [`Guarded`], so a method cannot be forgotten: a method without a row is refused to
-//! everybody. Reading (methods marked [`Action::Observe`], every property) is allowed to every connected caller;
+//! Objects are only served behind [`Guarded`], so a method cannot be forgotten: a method without a row is refused for
+//! all callers. Reading (methods marked [`Action::Observe`], every property) is allowed to every connected caller;
 //! setting a property would need a row in the table of setters, which is empty, because no interface has a writable
 //! property.
 

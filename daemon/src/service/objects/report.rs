@@ -220,7 +220,7 @@ pub(crate) fn wear(wear: Wear) -> RelayWear {
     }
 }
 
-/// A baseline, with remarks for people before it is used, and how it was followed.
+/// A baseline, with remarks for the operator before it is used, and the summary of its tracking.
 pub(crate) fn baseline(
     baseline: &Baseline,
     remarks: Vec<String>,

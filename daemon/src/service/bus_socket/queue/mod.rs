@@ -19,7 +19,7 @@ const BROKER: &str = "org.freedesktop.DBus";
 
 /// Maximum number of calls of one sender that expect no reply, waiting or running. The bus does not limit them.
 const UNANSWERED_EACH: usize = 16;
-/// Number of such calls of all senders from which those of untrusted senders are dropped.
+/// When the calls of all senders reach this number, further ones of untrusted senders are dropped.
 const UNANSWERED_ALL: usize = 1024;
 /// Maximum size of such a call, bytes; the daemon's methods need far less.
 const LONGEST_UNANSWERED: usize = 64 * 1024;
@@ -267,7 +267,7 @@ impl Waiting {
 
     fn take_call(&mut self) -> Option<Incoming> {
         loop {
-            // alternates: trusted senders must not block everybody else
+            // alternates between the two groups: trusted senders must not block all others
             let order = match self.trusted_had_turn {
                 true => [1, 0],
                 false => [0, 1],
