@@ -1,5 +1,5 @@
-//! Measures exports of a long session of the simulated preset sheet, one frame a second with a gap of one hour. Build the
-//! program with `cargo build --release -p tactus-cli`, then call
+//! Measures exports of a long session of the simulated preset sheet, one frame a second with a gap of one hour. Build
+//! the program with `cargo build --release -p tactus-cli`, then call
 //! `cargo run --release -p tactus-cli --example exports -- FRAMES FOLDER FORMAT...`. FOLDER keeps the session, which is
 //! made only if it does not exist. Prints time and peak memory of each export.
 
