@@ -1,4 +1,5 @@
-//! The driver: typed methods; every setting is read back, every message ends with a query of the error queue.
+//! The driver: methods with typed arguments. Every setting is read back, and every message ends with a query of the
+//! error queue.
 
 use rig::{Compliance, Conversation, CurrentSource, Link, Replies, RigError, Stream};
 use scpi::{join_units, parse_boolean, parse_integer, parse_reading};
@@ -35,8 +36,8 @@ impl<S: Stream> Keithley6221<S> {
         })
     }
 
-    /// Continues over a new connection, if the same instrument (same serial number) is at its other end. Earlier
-    /// preparations must be repeated.
+    /// Replaces the connection, and checks that the same instrument (same serial number) is at its other end. The
+    /// source must be prepared again.
     ///
     /// # Errors
     /// [`RigError::WrongInstrument`], or an error of the link.
@@ -73,7 +74,7 @@ impl<S: Stream> Keithley6221<S> {
         self.level_and_output(&answers)
     }
 
-    /// Sends commands followed by a query of the error queue; returns the replies to the queries.
+    /// Sends commands followed by a query of the error queue; returns the replies to the queries among the commands.
     ///
     /// # Errors
     /// [`RigError::Refused`] with the oldest error if there is one; the queue is emptied.
@@ -82,7 +83,7 @@ impl<S: Stream> Keithley6221<S> {
         if replies.error.code == 0 {
             return Ok(replies.answers);
         }
-        // whatever else fails now, the first error is the one to report
+        // the first error is reported, even if reading further errors fails
         if let Err(cause) = self.conversation.drain_errors().await {
             tracing::warn!(instrument = self.instrument(), %cause, "while reading further errors");
         }
@@ -157,7 +158,7 @@ impl<S: Stream> Keithley6221<S> {
 
     /// Rejects a level beyond the prepared range.
     fn check_level(&self, current: Amps) -> Result<(), RigError> {
-        // Written so that NaN is rejected as well.
+        // the condition also rejects NaN
         if current == Amps(0.0) || self.range.is_some_and(|range| range.holds(current)) {
             return Ok(());
         }
@@ -220,7 +221,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             Command::Autorange,
             Command::Range(Ask::Now),
             Command::Compliance(Ask::Now),
-            // compliance latched before this does not belong to this survey
+            // reading clears compliance events latched before this survey
             Command::Events(StatusGroup::Measurement),
             Command::Interlock,
             Command::Level(Ask::Now),
@@ -228,7 +229,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         ];
         let answers = match self.exchange_unchecked(&commands).await {
             Ok(replies) if replies.error.code == 0 => replies.answers,
-            // The output is switched off first, whatever earlier error or unsynchronised link there is.
+            // an entry in the error queue, or a failed exchange: the output is switched off first
             _ => {
                 self.off().await?;
                 self.exchange(&commands).await?
@@ -327,7 +328,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         };
         let events = parse_integer(events).map_err(|_| garbled())?;
         let conditions = parse_integer(conditions).map_err(|_| garbled())?;
-        // without output the voltmeter's readings look like any others
+        // an error, because the readings taken without output look like valid ones
         if (events | conditions) & 1 << INTERLOCK_BIT != 0 {
             return Err(self.interlock());
         }
@@ -340,8 +341,8 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
     async fn off(&mut self) -> Result<(), RigError> {
         match self.off_once().await {
             Ok(()) => Ok(()),
-            // A lost or late reply, or a level that did not go to 0: one more attempt, because an energised sheet is
-            // worse than a second message.
+            // a lost or late reply, or a level that did not go to 0: a second attempt, because an energised sheet is
+            // worse than a second message
             Err(first) => {
                 tracing::warn!(instrument = self.instrument(), %first, "switching off again");
                 self.off_once().await

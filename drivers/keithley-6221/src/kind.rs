@@ -11,7 +11,7 @@ pub(crate) const DECIMALS: usize = 6;
 pub enum Kind {
     /// A real number, read back in exponent form.
     Real {
-        /// Unit that may follow it.
+        /// Unit that may follow the number.
         unit: Unit,
         /// Smallest, largest and reset value.
         limits: [f64; 3],
@@ -85,18 +85,18 @@ impl Kind {
         }
     }
 
-    /// The value as the instrument reads it back.
+    /// The value in the instrument's reply.
     pub(crate) fn read_back(self, value: f64) -> String {
         match self {
             Kind::Real { .. } => format_nr3(value, DECIMALS),
             Kind::Whole { .. } if value.is_infinite() => format_nr3(value, DECIMALS),
             Kind::Whole { .. } | Kind::Switch(_) => format!("{value:.0}"),
-            // A value is a valid index of the words.
+            // the value of a choice is an index of its words
             Kind::Choice(words) => short(words[value as usize]),
         }
     }
 
-    /// The value as a client writes it: the fewest digits that parse to the same bits.
+    /// The value in a client's command: the fewest digits that parse to the same bits.
     pub(crate) fn written(self, value: f64) -> String {
         match self {
             Kind::Real { .. } | Kind::Whole { .. } if value.is_infinite() => "INF".to_owned(),
@@ -125,7 +125,7 @@ impl Kind {
     }
 }
 
-/// Whether a value is a limit in the form in which it is read back.
+/// Whether a value equals a limit rounded to the decimals of a reply.
 fn reads_back_as(limit: f64, value: f64) -> bool {
     format_nr3(limit, DECIMALS).parse() == Ok(value)
 }

@@ -1,9 +1,9 @@
-//! The Keithley 6221 current source: its commands, its driver, its simulator.
+//! The Keithley 6221 current source: commands, driver and simulator.
 //!
-//! A floating current source with a voltage limit. It has no voltmeter: all it can report of its load is whether
-//! the voltage limit reduces the current (*compliance*). A current or limit beyond the instrument's is an error; nothing
-//! is clipped. The simulator has no physics of its own (a [`Load`] gives the resistance) and replies to delta modes as an
-//! instrument without a 2182A.
+//! A floating current source with a voltage limit. It has no voltmeter: the only thing it reports about its load is
+//! whether the voltage limit reduces the current (*compliance*). A current or voltage limit beyond those of the
+//! instrument is an error; nothing is clipped. The simulator contains no physics (a [`Load`] returns the resistance),
+//! and rejects delta modes as an instrument without a 2182A does.
 //!
 //! - **level**: the requested current; **range**: the scale for a level, up to 5 % above its nominal full scale
 //! - **compliance**: the voltage limit, and the state in which it reduces the current
@@ -38,7 +38,7 @@
 //! # Ok(()) }
 //! ```
 //!
-//! Source: fact sheet `keithley-6221`, whose sections the docs cite.
+//! Source: fact sheet `keithley-6221`. The sections cited in this crate are those of the fact sheet.
 
 mod command;
 mod driver;

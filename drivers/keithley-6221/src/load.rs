@@ -6,17 +6,17 @@ use survey::{Amps, Ohms};
 
 /// The load on the source's terminals.
 pub trait Load {
-    /// Resistance between the terminals with the present relay states; [`f64::INFINITY`] if open.
+    /// Returns the resistance between the terminals with the present relay states; [`f64::INFINITY`] if open.
     fn resistance(&mut self, at: Duration) -> Ohms;
 
-    /// Receives the present current and its range; called whenever either changes.
+    /// Called with the present current and its range whenever either changes.
     fn drive(&mut self, flowing: Amps, range: Amps, at: Duration);
 }
 
 /// A load of one resistor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resistor {
-    /// Its resistance; after a change, call [`crate::Simulator6221::load_changed`].
+    /// The resistance; after a change, call [`crate::Simulator6221::load_changed`].
     pub resistance: Ohms,
     /// The current through it.
     pub flowing: Amps,
@@ -31,7 +31,7 @@ impl Resistor {
         }
     }
 
-    /// Nothing connected.
+    /// Open terminals: an infinite resistance.
     pub fn open() -> Self {
         Self::new(Ohms(f64::INFINITY))
     }

@@ -1,7 +1,7 @@
-//! Settings that are one number, one switch or one word each: notation, limits and reset value in one table, from which
-//! grammar, read-back, MIN, MAX, DEF, `*RST` and `*SAV` follow.
+//! Settings that are one number, one switch or one word each. One table holds their notation, limits and reset values;
+//! grammar, read-back, MIN, MAX, DEF, `*RST` and `*SAV` use it.
 //!
-//! Source: fact sheet, section 4. Where the sheet has no reset value, the value here is assumed.
+//! Source: fact sheet, section 4. Where the fact sheet has no reset value, the value here is assumed.
 
 use scpi::Unit;
 
@@ -95,7 +95,7 @@ const fn whole_or_inf(min: f64, max: f64, def: f64) -> Kind {
 }
 
 parameters! {
-    /// Time on each point of a linear or logarithmic sweep, s.
+    /// Duration of each point of a linear or logarithmic sweep, s.
     Delay: Sweep, "[SOURce][:CURRent]:DELay", seconds(1e-3, LONGEST, 1.0);
     /// First level of a sweep.
     Start: Sweep, "[SOURce]:CURRent:STARt", amps(-MOST, MOST, 0.0);
@@ -103,9 +103,9 @@ parameters! {
     Stop: Sweep, "[SOURce]:CURRent:STOP", amps(-MOST, MOST, 0.1);
     /// Step of a linear sweep.
     Step: Sweep, "[SOURce]:CURRent:STEP", amps(1e-13, MOST, 0.01);
-    /// Half way between first and last level.
+    /// Mean of first and last level.
     Center: Sweep, "[SOURce]:CURRent:CENTer", amps(-MOST, MOST, 0.05);
-    /// From first to last level.
+    /// Difference of last and first level.
     Span: Sweep, "[SOURce]:CURRent:SPAN", amps(0.0, 2.0 * MOST, 0.1);
     /// Spacing of the points of a sweep.
     Spacing: Sweep, "[SOURce][:CURRent]:SWEep:SPACing", Kind::Choice(&["LINear", "LOGarithmic", "LIST"]);
@@ -113,7 +113,7 @@ parameters! {
     Points: Sweep, "[SOURce][:CURRent]:SWEep:POINts", whole(1.0, 65_535.0, 11.0);
     /// Number of runs of a sweep.
     Count: Sweep, "[SOURce][:CURRent]:SWEep:COUNt", whole_or_inf(1.0, 9_999.0, 1.0);
-    /// Range of a sweep: the best for all points, each point's own, or the present one.
+    /// Range of a sweep: the smallest that holds all points, the smallest that holds each point, or the present range.
     Ranging: Sweep, "[SOURce][:CURRent]:SWEep:RANGing", Kind::Choice(&["BEST", "AUTO", "FIXed"]);
     /// Whether compliance ends a sweep.
     AbortOnCompliance: Sweep, "[SOURce][:CURRent]:SWEep:CABort", Kind::Switch(false);
@@ -130,7 +130,7 @@ parameters! {
     Offset: LiveWave, "[SOURce]:WAVE:OFFSet", amps(-MOST, MOST, 0.0);
     /// Per cent of a period that a square is high, or a ramp rises.
     DutyCycle: Wave, "[SOURce]:WAVE:DCYCle", plain(0.0, 100.0, 50.0);
-    /// How long the wave lasts, s.
+    /// Duration of the wave, s.
     WaveTime: Wave, "[SOURce]:WAVE:DURation:TIME", real_or_inf(Unit::Second, 100e-9, LONGEST, f64::INFINITY);
     /// Duration of the wave in periods.
     WaveCycles: Wave, "[SOURce]:WAVE:DURation:CYCLes", real_or_inf(Unit::None, 1e-3, 99_999_999_900.0, f64::INFINITY);
@@ -141,7 +141,7 @@ parameters! {
     /// The marked phase, degrees; the manual's scale is 0 to 360, common clients use -180 to 180.
     MarkedPhase: Other, "[SOURce]:WAVE:PMARk[:LEVel]", plain(-180.0, 360.0, 180.0);
     /// Whether a trigger starts the wave (public drivers send `SOUR:WAVE:EXTR`, `:ILIN`, `:IGN`, `:IVAL`, with these
-    /// limits). The simulator receives no such trigger: such a wave cannot be armed.
+    /// limits). The simulator has no such trigger, and does not arm such a wave.
     ExternalTrigger: Wave, "[SOURce]:WAVE:EXTRig[:ENABle]", Kind::Switch(false);
     /// The trigger line that starts the wave; 0 for none.
     ExternalLine: Wave, "[SOURce]:WAVE:EXTRig:ILINe", whole(0.0, 6.0, 1.0);
@@ -152,7 +152,7 @@ parameters! {
     /// The trigger line of the phase marker.
     MarkerLine: Other, "[SOURce]:WAVE:PMARk:OLINe", whole(1.0, 6.0, 3.0);
 
-    /// High level of delta mode; setting it sets the low one to its negative.
+    /// High level of delta mode; setting it also sets the low level to its negative.
     DeltaHigh: Other, "[SOURce]:DELTa:HIGH", amps(0.0, MOST, 1e-3);
     /// Low level of delta mode.
     DeltaLow: Other, "[SOURce]:DELTa:LOW", amps(-MOST, 0.0, -1e-3);
@@ -162,7 +162,7 @@ parameters! {
     DeltaCount: Other, "[SOURce]:DELTa:COUNt", whole_or_inf(1.0, 65_536.0, f64::INFINITY);
     /// Whether compliance ends delta mode.
     DeltaAbort: Other, "[SOURce]:DELTa:CABort", Kind::Switch(false);
-    /// Whether delta mode switches cold.
+    /// Whether delta mode uses cold switching.
     DeltaColdSwitch: Other, "[SOURce]:DELTa:CSWitch", Kind::Switch(false);
 
     /// First level of differential conductance.
@@ -237,7 +237,7 @@ parameters! {
     /// Format of registers: decimal, or as `#H`, `#Q`, `#B` numbers (public drivers send ASC; 622x reference manual,
     /// FORMat subsystem \[K\]).
     RegisterFormat: Other, "FORMat:SREGister", Kind::Choice(&["ASCii", "HEXadecimal", "OCTal", "BINary"]);
-    /// Which byte of a binary reading comes first.
+    /// Byte order of binary readings.
     ByteOrder: Other, "FORMat:BORDer", Kind::Choice(&["NORMal", "SWAPped"]);
     /// Unit of delta readings.
     ReadingUnit: Other, "UNIT[:VOLTage][:DC]", Kind::Choice(&["V", "OHMS", "W", "SIEMens"]);
@@ -255,10 +255,10 @@ parameters! {
     StatisticFormat: Other, "CALCulate2:FORMat", Kind::Choice(&["MEAN", "SDEViation", "MAXimum", "MINimum", "PKPK"]);
     /// Whether the statistic is computed.
     Statistic: Other, "CALCulate2:STATe", Kind::Switch(false);
-    /// Whether compliance is tested, and the output lines show the result (public drivers; lines are connected to
-    /// nothing).
+    /// Whether compliance is tested and the result shown on the output lines (public drivers; nothing is connected to
+    /// these lines).
     LimitTest: Other, "CALCulate3:LIMit[:STATe]", Kind::Switch(false);
-    /// The output lines in compliance.
+    /// The pattern of the output lines in compliance.
     LimitPattern: Other, "CALCulate3:LIMit:SOURce", whole(0.0, 15.0, 0.0);
     /// Whether the output lines show the forced pattern.
     ForcedOutput: Other, "CALCulate3:FORCe:STATe", Kind::Switch(false);

@@ -2,13 +2,13 @@
 
 use survey::{Amps, SourceLimits, Volts};
 
-/// Largest current of either sign: the 100 mA range allows 5 % more.
+/// Largest current of either sign: 5 % above the 100 mA range.
 pub const LARGEST_CURRENT: Amps = Amps(0.105);
 /// Smallest voltage limit.
 pub const SMALLEST_LIMIT: Volts = Volts(0.1);
 /// Largest voltage limit.
 pub const LARGEST_LIMIT: Volts = Volts(105.0);
-/// Limits of current and voltage limit, for a plan.
+/// Limits of the current and of the voltage limit, for checking a plan.
 pub const LIMITS: SourceLimits = SourceLimits {
     current: LARGEST_CURRENT,
     compliance: (SMALLEST_LIMIT, LARGEST_LIMIT),
@@ -19,7 +19,7 @@ pub const LIMIT_STEP: Volts = Volts(0.01);
 /// A range of the source.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// Nominal full scale; the range makes levels up to 5 % more.
+    /// Nominal full scale; the range holds levels up to 5 % above it.
     pub full_scale: Amps,
     /// Step of the level.
     pub step: Amps,
@@ -51,22 +51,22 @@ impl Range {
         RANGES.into_iter().find(|range| range.holds(level))
     }
 
-    /// The range with this nominal full scale, as read back with seven digits.
+    /// The range with this nominal full scale, as read back with seven digits; `None` if there is none.
     pub fn named(full_scale: Amps) -> Option<Range> {
         RANGES
             .into_iter()
             .find(|range| (full_scale.0 / range.full_scale.0 - 1.0).abs() < 1e-5)
     }
 
-    /// Whether the range can make the level.
+    /// Whether the level is within the range.
     pub fn holds(self, level: Amps) -> bool {
         level.abs() <= self.most()
     }
 
-    /// Largest level on this range: 5 % over its full scale.
+    /// Largest level of this range: 5 % above its full scale.
     pub fn most(self) -> Amps {
-        // In binary, 1.05 is slightly above its decimal and 2e-9 * 1.05 slightly below: a relative tolerance of 1e-9
-        // keeps 2.1 on the range of 2.
+        // In binary, 1.05 is slightly above its decimal value and 2e-9 * 1.05 slightly below: a relative tolerance of
+        // 1e-9 keeps 2.1 nA on the 2 nA range.
         self.full_scale * (1.05 * (1.0 + 1e-9))
     }
 }

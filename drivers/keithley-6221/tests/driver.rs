@@ -38,7 +38,7 @@ fn device(resistance: f64) -> Shared {
     }))
 }
 
-/// Connects the instrument.
+/// Connects a client to the instrument.
 fn plug(device: &Shared) -> DuplexStream {
     let (here, mut there) = tokio::io::duplex(4096);
     let device = Arc::clone(device);
@@ -177,7 +177,7 @@ async fn an_interlock_that_opens_is_no_reading_of_nothing() {
         interlock(true);
         interlock(false);
         interlock(closed);
-        // also after the interlock was closed again: the output stays off
+        // also after the interlock was closed again, because the output stays off
         let open = source.compliance().await;
         assert!(matches!(open, Err(RigError::Interlock { .. })), "{open:?}");
     }
@@ -264,7 +264,7 @@ async fn a_refusal_is_reported_also_if_the_link_breaks_after_it() {
     let mut source = connected(&device).await;
     source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
     simulator(&device, |b| {
-        // taken from the end
+        // faults are taken from the end of the list
         let refused = ReplyFault::Says("0.000000E+00;-221,\"Settings conflict\"");
         b.reply_faults.extend([ReplyFault::HangUp, refused]);
     });
@@ -347,7 +347,7 @@ async fn the_output_survives_its_client_and_is_switched_off_on_return() {
     assert_eq!(simulator(&device, |b| b.load.flowing), Amps(1e-3));
     source.reconnect(plug(&device)).await.unwrap();
     assert_eq!(source.output().await.unwrap(), (Amps(1e-3), true));
-    // The preparation must be repeated.
+    // the source must be prepared again
     assert!(source.set_current(Amps(1e-3)).await.is_err());
     source.off().await.unwrap();
     assert_eq!(simulator(&device, |b| b.load.flowing), Amps(0.0));

@@ -69,7 +69,7 @@ fn serve(mut client: TcpStream) -> std::io::Result<()> {
         for line in framer.by_ref() {
             let line = String::from_utf8_lossy(&line.expect("lines are short")).into_owned();
             let reply = source.receive(&line, start.elapsed(), &mut load);
-            // The instrument is busy; this delay is what the simulation is about.
+            // the time that the instrument needs, which is part of the simulation
             thread::sleep(reply.busy);
             if let Some(text) = reply.text {
                 client.write_all(format!("{text}\n").as_bytes())?;

@@ -1,4 +1,4 @@
-//! The passage of time in the simulated instrument: one long step and many short ones give the same state.
+//! Time in the simulated instrument: one long step and many short ones give the same state.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The headers in the manual's notation, with their commands.
+//! The table of headers in the manual's notation, with their commands.
 
 use std::str::FromStr;
 use std::sync::LazyLock;
@@ -291,7 +291,7 @@ impl Command {
 impl FromStr for Command {
     type Err = ParseError;
 
-    /// Reads a message of exactly one command.
+    /// Parses a message of exactly one command.
     fn from_str(text: &str) -> Result<Self, ParseError> {
         match parse_message(text).as_slice() {
             [call] => call.as_ref().map_err(|refusal| *refusal).and_then(Self::of),
@@ -300,7 +300,7 @@ impl FromStr for Command {
     }
 }
 
-/// Error numbers as `(-440:+900,-113)`; the ends of a range may be in either order.
+/// Reads error numbers such as `(-440:+900,-113)`; the ends of a range may be in either order.
 fn numbers(call: &Call) -> Result<Vec<[i32; 2]>, ParseError> {
     let [list] = call.exactly()?;
     let Argument::Expression(text) = list else {
@@ -366,7 +366,7 @@ fn ask(call: &Call) -> Result<Ask, ParseError> {
         .map_or(Ok(Ask::Now), |which: &Argument| which.choice(&ASKS))
 }
 
-/// The number of a memory.
+/// Reads the number of a memory.
 fn place(call: &Call, first: u8, last: u8) -> Result<u8, ParseError> {
     let [place] = call.exactly()?;
     let place = place.integer(first.into(), last.into())?;
@@ -386,7 +386,7 @@ fn list_values(list: List, arguments: &[Argument]) -> Result<Vec<f64>, ParseErro
 }
 
 impl List {
-    /// The values that the list takes.
+    /// The values that an item of the list takes.
     pub fn kind(self) -> Kind {
         match self {
             List::Levels => Parameter::Start.kind(),
@@ -419,7 +419,7 @@ fn elements(arguments: &[Argument]) -> Result<Vec<Element>, ParseError> {
     }
     let words = arguments.iter().map(|element| element.choice(&ELEMENTS));
     let words: Vec<Element> = words.collect::<Result<_, _>>()?;
-    // Elements are reported in the instrument's own order, whatever the order of the request.
+    // Elements are reported in the instrument's order, independent of the order of the request.
     let kept = ELEMENTS.iter().map(|(_, element)| *element);
     Ok(kept.filter(|element| words.contains(element)).collect())
 }

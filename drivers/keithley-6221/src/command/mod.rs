@@ -1,5 +1,5 @@
-//! The commands of the 6221 as values, and their grammar in both directions. Only the table of [`Parameter`]s contains
-//! further SCPI text.
+//! The commands of the 6221 as values, and their grammar in both directions. Further SCPI text is only in the table of
+//! [`Parameter`]s.
 //!
 //! Chapters as in the fact sheet, section 4.
 
@@ -40,9 +40,9 @@ pub enum Command {
     SetRange(Amps),
     /// Read the range.
     Range(Ask),
-    /// Let the range follow the level, or not.
+    /// Switch autorange, in which the range follows the level.
     SetAutorange(bool),
-    /// Read whether the range follows the level.
+    /// Read whether autorange is on.
     Autorange,
     /// Set the voltage limit.
     SetCompliance(Volts),
@@ -79,7 +79,7 @@ pub enum Command {
     Parameter(Parameter, Ask),
     /// Set a list.
     SetList(List, Vec<f64>),
-    /// Add to a list.
+    /// Append to a list.
     AppendList(List, Vec<f64>),
     /// Read a list.
     List(List),
@@ -118,7 +118,7 @@ pub enum Command {
     DeltaArmed(DeltaMode),
     /// Read the last reading of the 2182A.
     LatestReading,
-    /// Read the last reading of the 2182A, each only once.
+    /// Read the last reading of the 2182A, if it has not been read yet.
     FreshReading,
     /// Read the last reading of the 2182A after mathematics.
     MathReading,
@@ -164,7 +164,7 @@ pub enum Command {
     ClearErrors,
     /// Queue only errors with these numbers (from, to); public drivers send `STAT:QUE:ENAB (-440:+900)`.
     EnableErrors(Vec<[i32; 2]>),
-    /// Don't queue errors with these numbers.
+    /// Do not queue errors with these numbers.
     DisableErrors(Vec<[i32; 2]>),
     /// Read which errors are queued.
     EnabledErrors,
@@ -180,7 +180,7 @@ pub enum Command {
 
     /// Read the version (year) of the SCPI standard.
     Version,
-    /// Factory default settings.
+    /// Restore the factory default settings.
     Preset,
     /// Unlock the front-panel keys (serial port).
     Local,
@@ -190,7 +190,7 @@ pub enum Command {
     Beep {
         /// Tone, Hz.
         hertz: f64,
-        /// How long, s.
+        /// Duration, s.
         seconds: f64,
     },
     /// Set an address of the network port.
@@ -205,9 +205,9 @@ pub enum Command {
     BoardRevision(Board),
 }
 
-/// Compliance in the measurement registers, bit 3 (fact sheet, section 5).
+/// Bit 3 of the measurement registers: compliance (fact sheet, section 5).
 pub(crate) const COMPLIANCE_BIT: u8 = 3;
-/// Open interlock in the measurement registers, bit 1.
+/// Bit 1 of the measurement registers: open interlock (fact sheet, section 5).
 pub(crate) const INTERLOCK_BIT: u8 = 1;
 
 impl Command {

@@ -1,4 +1,4 @@
-//! Commands written as text.
+//! Writes commands as text.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ use crate::List;
 use crate::command::Line;
 use crate::kind::short;
 
-/// Error numbers in parentheses.
+/// Writes ranges of error numbers in parentheses.
 pub(crate) fn error_numbers(numbers: &[[i32; 2]]) -> String {
     let entries: Vec<String> = numbers
         .iter()

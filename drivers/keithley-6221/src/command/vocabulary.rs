@@ -43,7 +43,8 @@ pub enum Ask {
 
 #[cfg(feature = "simulator")]
 impl Kind {
-    /// The reply to a query with MIN, MAX or DEF; `now` otherwise. Switches and words have only a present value.
+    /// The reply to a query with MIN, MAX or DEF; `now` otherwise. Switches and choices have only a present value and a
+    /// reset value.
     pub(crate) fn queried(self, ask: Ask, now: f64) -> f64 {
         match (self, ask) {
             (_, Ask::Now) => now,
@@ -92,9 +93,9 @@ vocabulary! {
 pub enum List {
     /// Levels of a list sweep, A.
     Levels,
-    /// Time on each point of a list sweep, s.
+    /// Duration of each point of a list sweep, s.
     Delays,
-    /// Voltage limit on each point of a list sweep, V.
+    /// Voltage limit at each point of a list sweep, V.
     Limits,
     /// An arbitrary wave, as fractions of its amplitude.
     Wave,

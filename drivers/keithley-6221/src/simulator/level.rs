@@ -1,4 +1,4 @@
-//! Level, range, voltage limit and output, and the current that follows from them.
+//! Level, range, voltage limit and output, and the current that results from them.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::command::COMPLIANCE_BIT;
 use crate::range::{LIMIT_STEP, RANGES};
 use crate::{Load, Range};
 
-/// Number of changes of the current that are kept; the longest aperture is a few seconds.
+/// Number of changes of the current that are kept, enough for a reading, whose longest aperture is a few seconds.
 const MOST_STEPS: usize = 4096;
 
 impl Simulator6221 {
@@ -42,7 +42,7 @@ impl Simulator6221 {
         self.leave_mode()?;
         self.panel.autorange = on;
         if on {
-            // Every accepted level fits some range.
+            // every accepted level is within a range
             self.panel.range = Range::holding(self.panel.level).unwrap_or(self.panel.range);
         }
         Ok(())
@@ -52,7 +52,7 @@ impl Simulator6221 {
         if self.is_sweeping() {
             return Err(ParseError::SettingsConflict);
         }
-        // Divided, not multiplied by 0.01: 10 mV steps then read back to the bits of their decimals.
+        // divided, not multiplied by 0.01: 10 mV steps then read back as exactly the bits of their decimals
         let steps_per_volt = (1.0 / LIMIT_STEP.0).round();
         self.panel.compliance = Volts((limit.0 * steps_per_volt).round() / steps_per_volt);
         Ok(())
@@ -93,8 +93,8 @@ impl Simulator6221 {
         }
     }
 
-    /// Mean current between two instants, of which the second is the simulator's present time, over waves, sweeps, and
-    /// levels set by messages. Changes by the load count from the time at which they were evaluated.
+    /// Mean current between two instants, over waves, sweeps, and levels set by messages. `to` is the simulator's
+    /// present time. A change of current by the load takes effect at the time at which it was evaluated.
     pub fn mean_current(&self, from: Duration, to: Duration, load: &mut dyn Load) -> Amps {
         if to <= from {
             return self.flowing;
@@ -146,7 +146,7 @@ impl Simulator6221 {
         self.steps.push_back((self.now, before));
     }
 
-    /// Computes the current: the level, or what the voltage limit allows.
+    /// Computes the current: the level, or the smaller current that the voltage limit allows.
     pub(super) fn flow(&mut self, load: &mut dyn Load) {
         let level = self.requested();
         let (flowing, held_back) = if !self.panel.output || level == Amps(0.0) {

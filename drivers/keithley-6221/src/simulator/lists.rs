@@ -17,7 +17,7 @@ pub(super) struct Lists {
 }
 
 impl Lists {
-    /// One value each, as assumed for `*RST`; no wave.
+    /// The lists after `*RST`: one value each (assumed), and no wave.
     pub(super) fn reset() -> Self {
         let one = |list: List| vec![list.kind().reset_value()];
         Self {

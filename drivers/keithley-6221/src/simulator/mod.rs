@@ -3,8 +3,8 @@
 //!
 //! An ideal instrument: the current is exactly the requested one until the voltage limit reduces it. Time is passed in
 //! with each message; events since the last message are then computed with the present load. No 2182A is connected:
-//! delta modes are rejected, and the buffer stays empty. Output trigger lines are connected to nothing: their settings
-//! are kept and have no effect.
+//! delta modes are rejected, and the buffer stays empty. Nothing is connected to the output trigger lines: pulses on
+//! them are only counted.
 
 mod level;
 mod lists;
@@ -66,7 +66,7 @@ pub struct Simulator6221 {
     /// Pulses sent on each line of the trigger link.
     pulses: [u64; 6],
     errors: ErrorQueue,
-    /// Numbers of the errors that are queued, ascending ranges.
+    /// Numbers of the errors that are queued, as ranges in ascending order.
     queued: Vec<[i32; 2]>,
     /// Texts of the display's two lines.
     texts: [String; 2],
@@ -74,7 +74,7 @@ pub struct Simulator6221 {
 }
 
 impl Simulator6221 {
-    /// As after power on, interlock closed.
+    /// An instrument just switched on, with its interlock closed.
     pub fn new(settings: Settings6221) -> Self {
         let mut new = Self {
             errors: ErrorQueue::new(settings.queue_depth),
@@ -106,7 +106,7 @@ impl Simulator6221 {
             status: StatusModel::new(),
         };
         new.show();
-        // The initial idle state is not an event.
+        // the initial idle condition must not be latched as an event
         new.status.operation.clear();
         new
     }
@@ -114,8 +114,8 @@ impl Simulator6221 {
     /// Receives one line (without its terminator) at a time since power on. A rejected unit adds an error to the error
     /// queue and gets no reply; the units after it are executed.
     ///
-    /// Units after a `*WAI` or `*OPC?` in the same line are executed as of the end of the awaited operation, and the
-    /// wait is part of [`Response::busy`].
+    /// Units after a `*WAI` or `*OPC?` in the same line are executed at the end of the awaited operation; the wait is
+    /// part of [`Response::busy`].
     pub fn receive(&mut self, line: &str, at: Duration, load: &mut dyn Load) -> Response {
         self.pass(at, load);
         let mut replies: Vec<String> = Vec::new();
@@ -135,7 +135,7 @@ impl Simulator6221 {
                     Ok(None)
                 }
                 Ok(Command::Common(Common::WhenComplete)) => {
-                    // An operation without end gets the reply when it has been ended.
+                    // The reply for an operation without end is sent when the operation has been ended.
                     let left = self.remaining();
                     self.answer_awaited = left.is_none();
                     wait = left.unwrap_or_default();
@@ -158,7 +158,7 @@ impl Simulator6221 {
             if self.answer_awaited
                 && let Some(left) = self.remaining()
             {
-                // An abort has ended the operation, or a trigger has given it an end.
+                // The operation has been aborted, or a trigger has made its end foreseeable.
                 self.answer_awaited = false;
                 replies.push("1".to_owned());
                 wait = left;
@@ -176,7 +176,7 @@ impl Simulator6221 {
         self.flow(load);
     }
 
-    /// Passes in a trigger that is not a message; returns false if none is awaited.
+    /// Receives a trigger that is not a message; returns false if no such trigger is awaited.
     pub fn trigger(&mut self, event: Trigger, at: Duration, load: &mut dyn Load) -> bool {
         self.pass(at, load);
         let received = self.receive_trigger(event);
@@ -221,7 +221,7 @@ impl Simulator6221 {
         self.flow(load);
     }
 
-    /// The values chosen where the manual is silent.
+    /// The values that the manual leaves open.
     pub fn settings(&self) -> &Settings6221 {
         &self.settings
     }
@@ -247,8 +247,8 @@ impl Simulator6221 {
         self.pulses
     }
 
-    /// The alternating part of the current of a running wave, r.m.s. without its mean, and its frequency, Hz; clipped
-    /// where the voltage limit reduces it.
+    /// The alternating part of the current of a running wave, r.m.s. without its mean, and its frequency, Hz; limited
+    /// where the voltage limit reduces it. `None` if no wave is running or the output is off.
     pub fn alternating(&self, load: &mut dyn Load) -> Option<(Amps, f64)> {
         let Mode::Wave(wave) = &self.mode else {
             return None;
@@ -257,7 +257,7 @@ impl Simulator6221 {
             return None;
         }
         let most = (self.panel.compliance / load.resistance(self.now)).abs();
-        // NaN as resistance lets no current flow.
+        // with a resistance of NaN no current flows
         let most = if most.0.is_nan() { Amps(0.0) } else { most };
         Some((wave.alternating(most), wave.hertz))
     }
@@ -373,7 +373,7 @@ impl Simulator6221 {
                 let none = "0".repeat(self.texts[*line as usize].chars().count());
                 return Ok(Some(scpi::quote(&none)));
             }
-            // Sent on the serial link, to which no instrument is connected.
+            // no instrument is connected to the serial link
             Command::SerialSend(_) => {}
             Command::SerialEnter => return Err(ParseError::HardwareMissing),
             Command::ClearBuffer => {}

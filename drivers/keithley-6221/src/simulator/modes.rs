@@ -35,7 +35,7 @@ impl Simulator6221 {
         }
     }
 
-    /// Advances the time to `at` (never back).
+    /// Advances the time to `at`; an earlier time has no effect.
     pub(super) fn pass(&mut self, at: Duration, load: &mut dyn Load) {
         let before = self.now;
         self.now = self.now.max(at);
@@ -81,7 +81,7 @@ impl Simulator6221 {
                     // Lines are 1 to 6.
                     self.pulses[self.values.get(Parameter::MarkerLine) as usize - 1] += marks;
                 }
-                // Between two evaluations the wave has reached its peak.
+                // The wave may have reached its peak between two evaluations.
                 if panel.output && wave.has_peaked(now) {
                     let resistance = load.resistance(now);
                     if is_limited(wave.peak(), resistance, panel.compliance) {
@@ -89,7 +89,7 @@ impl Simulator6221 {
                     }
                 }
                 if wave.advance(now) {
-                    // Corrections of 2026-11-22: scripts poll for this.
+                    // The output is off after the end of a wave (corrections of 2026-11-22); scripts poll for this.
                     panel.output = false;
                     self.outcome = Outcome::WaveStopped;
                 }
@@ -183,7 +183,7 @@ impl Simulator6221 {
         Ok(self.lists.read(list))
     }
 
-    /// Arming switches the output on (assumed); the level flows until the sweep is started.
+    /// Arms a sweep. This switches the output on (assumed) at the present level, until the sweep is started.
     ///
     /// # Errors
     /// -221 for settings that define no valid sweep.
@@ -198,7 +198,7 @@ impl Simulator6221 {
     fn planned_sweep(&self) -> Result<Sweep, ParseError> {
         let points = plan_sweep(&self.values, &self.lists, self.panel.range)?;
         let sweep = Sweep::new(points, &self.values);
-        // No instrument sends triggers on a line that is an output.
+        // no other instrument can send a trigger on a line that is an output
         if sweep.receives_own_output() {
             return Err(ParseError::SettingsConflict);
         }
@@ -232,7 +232,8 @@ impl Simulator6221 {
         }
     }
 
-    /// Ends an armed or running sweep and switches the output off (assumed); a finished one stays on its last point.
+    /// Ends an armed or running sweep and switches the output off (assumed); after a finished sweep the output stays on
+    /// at the last point.
     pub(super) fn abort_sweep(&mut self) {
         if let Mode::Sweep(sweep) = &self.mode {
             let rests = sweep.is_done();

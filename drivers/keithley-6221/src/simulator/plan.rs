@@ -52,7 +52,7 @@ pub(super) fn plan_sweep(
         let list = |list| lists.get(list).to_vec();
         (list(List::Levels), list(List::Delays), list(List::Limits))
     };
-    // A list of one value holds for all points (SCPI-99 volume 2, LIST subsystem).
+    // A list of one value applies to all points (SCPI-99 volume 2, LIST subsystem).
     if [delays.len(), limits.len()]
         .iter()
         .any(|length| *length > 1 && *length != levels.len())

@@ -20,8 +20,8 @@ pub struct Settings6221 {
     /// Whether the network port serves one client at a time (fact sheet, section 1: assumed). The simulator has no
     /// connections; its server enforces this.
     pub one_client: bool,
-    /// Time for which the network port stays taken after a client vanished (fact sheet, section 1: not known). Enforced
-    /// by the simulator's server.
+    /// Time for which the network port stays occupied after the connection to a client was lost (fact sheet, section 1:
+    /// not known). Enforced by the simulator's server.
     pub slot_held: Duration,
 }
 

@@ -11,7 +11,7 @@ use crate::Parameter;
 use crate::command::{Element, StatusGroup};
 
 // Bits of the operation registers (fact sheet, section 5). Bit 8, the filter of delta readings, and bit 11, a fault of
-// the serial port, are never set: there are no such readings, and the simulator has no port.
+// the serial port, are never set: the simulator has no such readings and no such port.
 pub(super) const SWEEP_DONE: u8 = 1;
 pub(super) const SWEEP_ABORTED: u8 = 2;
 pub(super) const SWEEPING: u8 = 3;
@@ -111,7 +111,7 @@ impl Simulator6221 {
                 }
                 None
             }
-            // The awaited operation has ended before these are executed.
+            // the awaited operation has ended before `*OPC?` and `*WAI` are executed
             Common::WhenComplete => Some("1".to_owned()),
             Common::Wait => None,
             Common::SelfTest => Some("0".to_owned()),
@@ -171,7 +171,6 @@ impl Simulator6221 {
     pub(super) fn preset(&mut self) {
         self.reset();
         const SWAPPED: f64 = 1.0;
-        // `set` can fail for centre and span only.
         self.values.set(Parameter::ByteOrder, SWAPPED);
     }
 

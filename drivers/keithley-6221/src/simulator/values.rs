@@ -12,9 +12,11 @@ pub(super) const LOGARITHMIC: f64 = 1.0;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Values {
     held: Vec<f64>,
-    /// The number of points of a linear sweep was set last and the step follows from it; otherwise the reverse.
+    /// Whether the number of points of a linear sweep was set last, and determines the step; otherwise the step
+    /// determines the number of points.
     points_lead: bool,
-    /// The wave's duration was set in cycles and its time follows from them; otherwise the reverse.
+    /// Whether the duration of the wave was set in cycles, which determine its time; otherwise the time determines the
+    /// cycles.
     cycles_lead: bool,
 }
 
@@ -75,14 +77,14 @@ impl Values {
             return self.held(Parameter::Points);
         }
         let span = (self.held(Parameter::Stop) - self.held(Parameter::Start)).abs();
-        // A relative tolerance of 1e-9 keeps the last point if span / step is slightly below its decimal.
+        // A relative tolerance of 1e-9 keeps the last point if span / step is slightly below its decimal value.
         (span / self.held(Parameter::Step) * (1.0 + 1e-9)).floor() + 1.0
     }
 
-    /// Sets a value that its kind allows. A sequence of changes of centre and span may exceed the instrument's current
-    /// on the way; a sweep that still does is rejected when it is armed.
+    /// Sets a value that its kind allows. While centre and span are changed one after the other, a sweep may
+    /// temporarily exceed the instrument's current; a sweep that still does so is rejected when it is armed.
     ///
-    /// When the ends of a sweep change, its number of points stays and the step follows (corrections of 2026-11-22).
+    /// When the ends of a sweep change, its number of points stays and the step is adapted (corrections of 2026-11-22).
     pub(super) fn set(&mut self, parameter: Parameter, value: f64) {
         if matches!(
             parameter,
@@ -107,7 +109,7 @@ impl Values {
     fn sweep_over(&mut self, center: f64, span: f64) {
         let most = LARGEST_CURRENT.0;
         let ends = [center - span / 2.0, center + span / 2.0];
-        // Halves of decimals may be slightly off.
+        // an end computed from centre and span may exceed the limit by a rounding error
         let [start, stop] = ends.map(|end| {
             let exact = end.clamp(-most, most);
             if (end - exact).abs() <= 1e-12 * most {

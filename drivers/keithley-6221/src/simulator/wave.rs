@@ -1,4 +1,4 @@
-//! A running wave: the current at an instant follows from its settings.
+//! A running wave: computes the current at an instant from its settings.
 
 use std::f64::consts::TAU;
 use std::time::Duration;
@@ -34,7 +34,7 @@ enum Phase {
         /// Number of periods before that time.
         turns: f64,
     },
-    /// Stopped at the end of its duration; the other fields as while running.
+    /// Stopped at the end of its duration. The other fields keep their values from running.
     Stopped {
         began: Duration,
         since: Duration,
@@ -96,7 +96,7 @@ impl Wave {
         matches!(self.phase, Phase::Running { .. })
     }
 
-    /// Number of periods so far.
+    /// Number of periods since the start of a running wave; otherwise 0.
     fn turns(&self, now: Duration) -> f64 {
         match self.phase {
             Phase::Running { since, turns, .. } => {
@@ -179,7 +179,7 @@ impl Wave {
         Amps(self.amplitude + self.offset.abs())
     }
 
-    /// Whether a whole period, and so its peak, is over.
+    /// Whether a whole period, and therefore its peak, is over.
     pub(super) fn has_peaked(&self, now: Duration) -> bool {
         self.turns(now) >= 1.0
     }
@@ -214,7 +214,7 @@ impl Wave {
             return false;
         };
         let left = self.seconds_left(began, now);
-        // Tolerance of a nanosecond: an awaited end counts as reached.
+        // tolerance of 1 ns, so that an awaited end counts as reached
         let over = left <= 1e-9;
         if over {
             let past = Duration::try_from_secs_f64(-left).unwrap_or_default();

@@ -1,5 +1,5 @@
-//! Golden conversations, typed from the fact sheet on the 6221; each names its section. They test the grammar from
-//! outside: driver and simulator share it, and would share its errors.
+//! Golden conversations, written from the fact sheet of the 6221; the name of each test contains the section. They test
+//! the grammar independently: driver and simulator share it, and would share its errors.
 
 mod settings;
 mod source;

@@ -40,7 +40,7 @@ fn section_4_a_linear_sweep_takes_its_time() {
         assert_eq!(talk.load.flowing, Amps(level), "at {seconds} s");
         assert_eq!(talk.operation(), SWEEPING, "at {seconds} s");
     }
-    // When done, it stays on its last point.
+    // A finished sweep stays on its last point.
     talk.at(12.0);
     assert_eq!(talk.operation(), DONE | IDLE);
     assert_eq!(talk.load.flowing, Amps(3e-3));
@@ -66,7 +66,7 @@ fn section_4_a_list_sweep_has_its_own_delays_and_limits() {
     for (seconds, flowing, range) in [
         (0.05, 1e-3, 2e-3),
         (0.15, -2e-6, 2e-6),
-        // Limited to 2 V.
+        // The voltage limit of this point is 2 V.
         (0.45, 2e-3, 20e-3),
         (0.65, 1e-3, 2e-3),
         (1.1, 2e-3, 20e-3),

@@ -96,7 +96,7 @@ fn section_4_an_arbitrary_wave_is_sent_stored_and_generated() {
             (1.1, -1e-3),
         ],
     );
-    // An empty memory gives no wave; *RST clears none.
+    // A wave from an empty memory is not armed; *RST does not clear the memories.
     talk.hold(&[
         (
             "SOUR:WAVE:ABOR;FUNC ARB1;ARM;:SYST:ERR?",

@@ -6,8 +6,8 @@ use super::{Nanos, Phase, Sweep};
 use crate::simulator::plan::Point;
 
 impl Sweep {
-    /// Mean of `level` over the points between two instants; `None` before the first pass and if each point waits for a
-    /// trigger. Assumes that passes before the present one were like it.
+    /// Mean of `level` over the points between two instants; `None` before the first pass, and if each point waits for
+    /// a trigger. Earlier passes are assumed to be like the present one.
     pub(in crate::simulator) fn mean(
         &self,
         from: Duration,
@@ -17,8 +17,7 @@ impl Sweep {
         if self.phase == Phase::Ready || self.line.is_some() || !self.looked {
             return None;
         }
-        // For a time since the pass began: the integral until then in amperes times nanoseconds. The last point is
-        // held.
+        // The integral from the start of the pass to `time`, amperes times nanoseconds. The last point is held.
         let until = |time: Nanos| {
             let mut start = 0;
             let last = self.points.len() - 1;

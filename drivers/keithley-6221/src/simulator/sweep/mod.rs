@@ -1,7 +1,7 @@
 //! A running sweep: arm layer, trigger layer and points as a function of time.
 //!
-//! An arm event starts each pass over the points, a trigger event each point (fact sheet, section 4). Any stretch of
-//! time is advanced in one step, because passes without a new arm event are all alike.
+//! An arm event starts each pass over the points, and a trigger event starts each point (fact sheet, section 4). Any
+//! length of time is advanced in one step, because passes that need no new arm event are identical.
 
 mod mean;
 mod pulses;
@@ -57,14 +57,14 @@ enum Phase {
 pub(super) struct Progress {
     /// The voltage limit started to reduce the current.
     pub(super) limited: bool,
-    /// The sweep was aborted because of that.
+    /// The sweep was aborted because of compliance.
     pub(super) aborted: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sweep {
     points: Vec<Point>,
-    /// From a pass's start to the end of each point.
+    /// Time from the start of a pass to the end of each point.
     ends: Vec<Nanos>,
     passes: Option<u64>,
     abort_on_compliance: bool,
@@ -81,11 +81,11 @@ pub(super) struct Sweep {
     pass_since: Nanos,
     /// The first point of the pass that has not been checked for compliance yet.
     unseen: usize,
-    /// A point of the pass has been checked.
+    /// Whether a point of the pass has been checked.
     looked: bool,
     counted: PulseCounts,
     now_at: Option<usize>,
-    /// The point checked last was in compliance.
+    /// Whether the point checked last was in compliance.
     was_limited: bool,
 }
 
@@ -113,7 +113,7 @@ impl Sweep {
         Self {
             ends: ends.collect(),
             points,
-            // Finite ones are 1 to 9999.
+            // a finite count is 1 to 9999
             passes: count.is_finite().then_some(count as u64),
             abort_on_compliance: values.is_on(Parameter::AbortOnCompliance),
             arm,
@@ -242,7 +242,7 @@ impl Sweep {
         }
     }
 
-    /// Advances the time. `is_limited` tells whether the voltage limit reduces the current of a point.
+    /// Advances the time. `is_limited` returns whether the voltage limit reduces the current of a point.
     pub(super) fn advance(
         &mut self,
         now: Duration,
@@ -313,7 +313,7 @@ impl Sweep {
     }
 
     /// Ends a pass at `end`, and begins the next if it needs no event. If the pass was checked from its first point,
-    /// all passes up to now are like it and are only counted.
+    /// all further passes up to `now` are like it and are only counted.
     fn end_pass(&mut self, end: Nanos, now: Nanos, looked_at_whole: bool) {
         self.passes_done += 1;
         let left = self

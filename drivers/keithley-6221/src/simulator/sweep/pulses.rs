@@ -5,7 +5,7 @@ use super::{Arm, Phase, Sweep, Trigger};
 /// When the arm layer sends a pulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ArmOutput {
-    /// At the begin of a pass.
+    /// At the start of a pass.
     Entering,
     /// At the end of a pass.
     Leaving,
@@ -20,7 +20,7 @@ pub(super) enum TriggerOutput {
     Delay,
 }
 
-/// Pulses that a sweep has sent since it began: of the arm layer, of the trigger layer.
+/// Pulses that a sweep has sent since it began: by the arm layer, by the trigger layer.
 pub(super) type PulseCounts = [u64; 2];
 
 impl Sweep {
@@ -39,14 +39,14 @@ impl Sweep {
     fn pulses_sent(&self) -> PulseCounts {
         let whole = self.passes_done.saturating_mul(self.points.len() as u64);
         let under_way = self.now_at.map_or(0, |at| at as u64 + 1);
-        // In the present pass: begun, points begun, points ended.
+        // For the present pass: whether it has begun, points begun, points ended.
         let (begun, points_begun, points_ended) = match self.phase {
             Phase::Ready | Phase::AwaitArm | Phase::AwaitTimer { .. } => (0, 0, 0),
             Phase::AwaitTrigger { point } => (1, point as u64, point as u64),
             Phase::Point { point, .. } => (1, point as u64 + 1, point as u64),
             Phase::Pass { .. } if !self.looked => (1, 0, 0),
             Phase::Pass { .. } => (1, under_way, under_way - 1),
-            // In a pass that compliance has ended: its last point.
+            // A pass that compliance has ended counts up to its last point.
             Phase::Done if Some(self.passes_done) == self.passes => (0, 0, 0),
             Phase::Done => (1, under_way, under_way.saturating_sub(1)),
         };
@@ -63,7 +63,7 @@ impl Sweep {
         [arm, trigger]
     }
 
-    /// Lines with pulses since the last call, and the number of pulses.
+    /// The lines with pulses since the last call, each with its number of pulses.
     pub(in crate::simulator) fn take_pulses(&mut self) -> impl Iterator<Item = (u8, u64)> + use<> {
         let (before, now) = (self.counted, self.pulses_sent());
         self.counted = now;
