@@ -1,13 +1,13 @@
 //! The Keysight (formerly Agilent) 34980A: relays and a voltmeter in one mainframe.
 //!
 //! Contains its commands in both directions, the channel numbers of its modules, the driver that implements
-//! [`rig::Switch`] and [`rig::Voltmeter`], and a simulator of both. The simulator has no physics of its own: the simulated
+//! [`rig::Switch`] and [`rig::Voltmeter`], and a simulator of both. The simulator contains no physics: the simulated
 //! rig implements [`Wires`]. An overload is never a number, and a channel that a module does not have is an error.
 //!
 //! - **module**: a card of relays in a slot, with its terminal block; **contact**: the switch behind a channel number
-//! - **scan list**: the channels that one READ? measures in turn; **bare voltmeter**: the voltmeter without a scan list
+//! - **scan list**: the channels that a READ? measures in turn; **bare voltmeter**: the voltmeter without a scan list
 //! - **message**: commands sent in one segment; relay moves are deferred to the next query
-//! - **wires**: what relays and voltmeter are connected to, for the simulator
+//! - **wires**: the simulated circuit that relays and voltmeter are connected to
 //!
 //! ```
 //! use std::{collections::BTreeSet, time::Duration};

@@ -1,4 +1,4 @@
-//! The internal voltmeter's facts as plain data: DC ranges, integration times, resolution.
+//! Data of the internal voltmeter: DC ranges, integration times, resolution.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ pub const RANGES: [f64; 5] = [0.1, 1.0, 10.0, 100.0, 300.0];
 pub const OVERRANGE: f64 = 1.2;
 
 /// Integration times, power-line cycles, and the resolution of each as a fraction of the range: the table "Custom A/D
-/// integration time" of the 34970A's guide, whose integration times and digits the 34980A shares. The resolution is
+/// integration time" of the guide of the 34970A, which has the same integration times and digits. The resolution is
 /// used as the standard deviation of a reading.
 pub const INTEGRATION: [(f64, f64); 8] = [
     (0.02, 1e-4),
@@ -24,14 +24,14 @@ pub const INTEGRATION: [(f64, f64); 8] = [
     (200.0, 2.2e-7),
 ];
 
-/// The smallest range that reads this voltage; the largest if none does.
+/// The smallest range, V, that reads this voltage with its overrange; the largest range if none does.
 pub fn range_for(most: Volts) -> Volts {
     let fits = RANGES.into_iter().find(|range| range * OVERRANGE >= most.0);
     Volts(fits.unwrap_or(RANGES[RANGES.len() - 1]))
 }
 
-/// Resolution as a fraction of the range for an integration time in power-line cycles: linear interpolation in log-log
-/// between the points of [`INTEGRATION`], the nearest point beyond them.
+/// Resolution as a fraction of the range for an integration time in power-line cycles: log-log interpolation between
+/// the points of [`INTEGRATION`], the nearest point beyond them.
 ///
 /// ```
 /// assert_eq!(keysight_34980a::resolution(2.0), 2.2e-6);
@@ -51,7 +51,7 @@ pub fn resolution(nplc: f64) -> f64 {
     low * (high / low).powf(share)
 }
 
-/// Time of single readings, at most 3,000 a second (section 5), without relays.
+/// Time of single readings without relay moves, at most 3,000 readings a second (section 5).
 pub fn reading_timing(nplc: f64, line_hz: f64) -> Timing {
     Timing {
         reading_period: Duration::from_secs(1) / 3000,

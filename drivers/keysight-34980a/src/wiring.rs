@@ -2,7 +2,7 @@
 
 use survey::{Dipole, Electrode, Relay, RelayTable, Sensing, Transition, Wiring, WiringError};
 
-/// Why a map is invalid.
+/// Why a wiring map is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MapError {
     /// A slot outside the mainframe.
@@ -38,7 +38,7 @@ pub fn pairs_34924a(slot: u32, electrodes: usize) -> Result<Wiring, MapError> {
     pairs(name, slot, slot, electrodes)
 }
 
-/// Map M on a 34922A: the channel numbers of [`pairs_34924a`] on armature relays, quieter and slower.
+/// Map M on a 34922A: the channel numbers of [`pairs_34924a`] on armature relays, which have less noise and are slower.
 ///
 /// # Errors
 /// As [`pairs_34924a`].
@@ -87,8 +87,8 @@ pub fn matrix_34932a(slot: u32, electrodes: usize) -> Result<Wiring, MapError> {
     )
 }
 
-/// Map Z: single electrodes on a 34934A as 4 x 128, rows I+ (101 up), I- (301), V+ (501), V- (701), the voltmeter at the
-/// rear connector. One reading a message. Up to 128 electrodes.
+/// Map Z: single electrodes on a 34934A as 4 x 128, rows I+ (101 up), I- (301), V+ (501), V- (701), the voltmeter at
+/// the rear connector. One reading a message. Up to 128 electrodes.
 ///
 /// # Errors
 /// A slot outside 1 to 8, or more than 128 electrodes.
@@ -129,7 +129,7 @@ fn pairs(name: String, slot: u32, inject_slot: u32, electrodes: usize) -> Result
     )
 }
 
-/// A wiring whose pair k has these channels in the slots of the injecting and of the measuring module.
+/// A wiring in which pair k has these channels, in the slots of the injecting and of the measuring module.
 fn table(
     name: String,
     sensing: Sensing,

@@ -57,7 +57,7 @@ fn converse(mut stream: TcpStream, session: Session, rig: &Mutex<Rig>, start: In
                 let Rig { unit, sheet } = &mut *rig.lock().unwrap();
                 unit.receive_from(session, &line, start.elapsed(), sheet)
             };
-            // The instrument's own time.
+            // the time that the instrument needs
             std::thread::sleep(response.busy);
             if let Some(text) = response.text
                 && stream.write_all(format!("{text}\n").as_bytes()).is_err()

@@ -130,7 +130,7 @@ fn four_wires_take_a_channel_of_each_bank() {
     talk.say("CONF:FRES 1000,(@2003);:READ?");
     let seen: Vec<u32> = talk.1.seen.iter().map(|relay| relay.0).collect();
     assert_eq!(seen, [2003, 2023, 2911, 2922]);
-    // channels of bank 2 only sense
+    // channels of bank 2 can only be sensing channels
     talk.refuses("CONF:FRES 1000,(@1037)", "+308");
     talk.refuses("CONF:FRES (@1002);:ROUT:SCAN (@1002,1037)", "+306");
 }
@@ -462,5 +462,4 @@ fn labels_memories_and_voltmeter_follow_the_help() {
     talk.holds(&[("INST:DMM ON;:MEAS:VOLT:DC? 10,(@1001)", "+0.00000000E+00")]);
     talk.refuses("ROUT:CHAN:LAB? FACT,(@1001)", "-224");
     talk.refuses("ROUT:CHAN:LAB \"x\",(@1099)", "+112");
-    // not found on any page of the help
 }

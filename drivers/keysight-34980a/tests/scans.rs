@@ -118,7 +118,7 @@ fn the_timer_paces_sweeps_until_they_are_stopped() {
          +1.00100000E+00,000000000.522,+1.00200000E+00,000000000.543,\
          +1.00100000E+00,000000001.022,+1.00200000E+00,000000001.043"
     );
-    // A measurement without end is not awaited.
+    // `*OPC?` does not wait for a measurement without end.
     let waited = unit.receive("*OPC?", at, &mut sheet);
     assert_eq!(
         (waited.text.as_deref(), waited.busy),
@@ -245,7 +245,7 @@ fn a_year_without_commands_costs_at_most_a_full_memory() {
 #[test]
 fn skipped_sweeps_leave_memory_state_and_closures_alike() {
     let relays = "(@1001,1002,1036,1037,1911,1922)";
-    // Sets up a scan; four-wire readings close the partners and both buses.
+    // The first of these scans has four-wire readings, which also close the partner channels and relays to both buses.
     for set_up in [
         "CONF:FRES 1000,(@1001:1002)",
         "CONF:VOLT 10,(@1001:1003);:TRIG:SOUR TIM;TIM 0.5",
@@ -273,7 +273,7 @@ fn skipped_sweeps_leave_memory_state_and_closures_alike() {
             let state = ask(&mut unit, &mut sheet, state, end);
             let cycles = format!("ABOR;:DIAG:REL:CYCL? {relays}");
             let cycles = ask(&mut unit, &mut sheet, &cycles, end);
-            // The closures that the circuit has seen, those of skipped sweeps included.
+            // The closures reported to the circuit, including those of skipped sweeps.
             let mut closures = sheet.skipped.clone();
             let mut before = std::collections::BTreeSet::new();
             for (_, closed) in sheet.history {
@@ -335,7 +335,7 @@ fn order_off_keeps_order_and_repeats() {
 }
 
 proptest! {
-    /// The number of time steps changes no reading, no time of a reading, and no end of a scan.
+    /// The number of time steps does not affect the readings, their times, and the end of a scan.
     #[test]
     fn the_number_of_clock_updates_changes_nothing(
         looks in prop::collection::vec(1_u64..2_000_000, 0..40),

@@ -44,7 +44,7 @@ fn a_query_that_waits_keeps_only_its_own_session() {
     assert_eq!(other.busy, Duration::ZERO);
     let text = other.text.unwrap();
     assert!(text.ends_with(";+9;+16"), "{text}");
-    // A message of A that arrives meanwhile is executed when its query has been completed.
+    // A message of A that arrives meanwhile is executed when A's pending query has been completed.
     let next = unit.receive_from(A, "STAT:OPER:COND?", ms(600), &mut sheet);
     assert_eq!(next.text.as_deref(), Some("+0"));
     assert_eq!(ms(600) + next.busy, START + waiting.busy);
@@ -140,7 +140,7 @@ fn a_sequence_runs_by_itself() {
         (Some("1;+16384"), Duration::ZERO)
     );
     assert_eq!(unit.due(), Some(ms(4)));
-    // Queries of relays wait for their turn; status queries get an immediate reply.
+    // Queries of relays wait for the end of the sequence; status queries get an immediate reply.
     assert_eq!(
         ask(&mut unit, &mut sheet, B, "STAT:OPER:COND?", ms(50)),
         "+16384"
@@ -159,7 +159,7 @@ fn a_sequence_runs_by_itself() {
         ),
         "+0;+0,\"No error\""
     );
-    // Kept while power is off.
+    // Sequences are kept while power is off.
     unit.power_cycle(ms(300), &mut sheet);
     assert_eq!(sheet.closed, [Relay(1102)].into());
     let waited = unit.receive("ROUT:SEQ:TRIG WALK;:*OPC?", ms(300), &mut sheet);
@@ -368,7 +368,7 @@ fn a_reading_that_is_waited_for_is_taken_when_it_is_due() {
     assert_eq!(begun.busy, Duration::from_micros(85_200));
     unit.pass(ms(60), &mut sheet);
     sheet.volts = Some(2.0);
-    // another query waits for nothing; a reply of another client is not delivered to A
+    // a query of another session is not delayed, and its reply is not delivered to A
     let (other, later) = unit.begin_from(B, "*IDN?", ms(70), &mut sheet);
     assert!(!later && other.text.is_some());
     assert_eq!(unit.fetch(B, ms(70), &mut sheet), None);

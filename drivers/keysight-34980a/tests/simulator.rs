@@ -1,5 +1,5 @@
-//! Properties that a conversation does not show: relays as seen by the wires, times, limits, memory, and arbitrary
-//! input.
+//! Properties that the golden conversations do not test: the relays passed to the wires, times, limits, memory, and
+//! arbitrary input.
 
 mod stand_in;
 

@@ -1,5 +1,5 @@
-//! Computations on readings: scaling, limits with their alarms, statistics. Corrections of 2026-11-22 of the fact sheet;
-//! help pages CALCulate:SCALe, CALCulate:LIMit, CALCulate:AVERage, OUTPut:ALARm, SYSTem:ALARm.
+//! Computations on readings: scaling, limits with their alarms, statistics. Sources: corrections of 2026-11-22 of the
+//! fact sheet; help pages CALCulate:SCALe, CALCulate:LIMit, CALCulate:AVERage, OUTPut:ALARm, SYSTem:ALARm.
 
 use std::fmt;
 
@@ -28,7 +28,7 @@ pub enum Scaling {
     Offset(f64),
     /// The unit of scaled readings, at most three characters.
     Unit(String),
-    /// Scale readings, or not.
+    /// Whether readings are scaled.
     State(bool),
 }
 
@@ -60,11 +60,11 @@ pub enum Statistic {
     Average,
     /// Difference of the largest and the smallest reading.
     PeakToPeak,
-    /// How many readings there are.
+    /// The number of readings.
     Count,
 }
 
-/// Scaling, limits, alarms, statistics; without a list those of the internal voltmeter.
+/// Scaling, limits, alarms, statistics; without a channel list those of the internal voltmeter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Calculate {
     /// Change a setting of scaling.
@@ -75,7 +75,7 @@ pub enum Calculate {
     SetLimit(Limit, Numeric, ChannelList),
     /// Read a limit, or the smallest or largest that can be set.
     Limit(Limit, Option<Numeric>, ChannelList),
-    /// Compare readings with a limit, or not.
+    /// Switch the comparison of readings with a limit.
     SetLimitState(Limit, bool, ChannelList),
     /// Read whether readings are compared with a limit.
     LimitState(Limit, ChannelList),
@@ -110,7 +110,7 @@ const STATISTICS: [(&str, Statistic); 7] = [
     ("COUNt", Statistic::Count),
 ];
 
-/// Largest gain and offset, and the limits of a channel without any.
+/// Largest gain and offset; also the magnitude of the limits of a channel for which none were set.
 pub(crate) const LARGEST: f64 = 1e15;
 /// Longest unit of scaled readings.
 const LONGEST_UNIT: usize = 3;

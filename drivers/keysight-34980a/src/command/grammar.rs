@@ -1,4 +1,4 @@
-//! Rows of the table of headers, and argument parsers that several chapters share.
+//! The table of headers, and parsers of arguments that several chapters share.
 
 use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Pattern, Unit};
 
@@ -35,23 +35,23 @@ impl Table {
     }
 }
 
-/// A command without arguments.
+/// Reads a command without arguments.
 pub(super) fn plain<C>(call: &Call, command: C) -> Result<C, ParseError> {
     call.exactly::<0>().map(|_| command)
 }
 
-/// A channel list and nothing else.
+/// Reads a channel list as the only argument.
 pub(super) fn list(call: &Call) -> Result<ChannelList, ParseError> {
     let [channels] = call.exactly()?;
     channels.channels()
 }
 
-/// A channel list or no arguments.
+/// Reads a channel list or no arguments.
 pub(super) fn only_channels(call: &Call) -> Result<Channels, ParseError> {
     call.at_most_one()?.map(Argument::channels).transpose()
 }
 
-/// The arguments before the channel list, which can only be the last argument, and that list.
+/// Splits the arguments into those before the channel list and the list, which can only be the last argument.
 pub(super) fn before_channels(call: &Call) -> Result<(&[Argument], Channels), ParseError> {
     match call.arguments.split_last() {
         Some((last @ Argument::Expression(_), values)) => Ok((values, Some(last.channels()?))),
@@ -59,7 +59,7 @@ pub(super) fn before_channels(call: &Call) -> Result<(&[Argument], Channels), Pa
     }
 }
 
-/// One value before the channel list.
+/// Reads exactly one value before an optional channel list.
 pub(super) fn value_and_channels(call: &Call) -> Result<(&Argument, Channels), ParseError> {
     match before_channels(call)? {
         ([], _) => Err(ParseError::MissingParameter),
@@ -68,7 +68,7 @@ pub(super) fn value_and_channels(call: &Call) -> Result<(&Argument, Channels), P
     }
 }
 
-/// MIN, MAX or DEF, if a query is for a limit instead of the setting.
+/// Reads MIN, MAX or DEF, if a query has this argument; other arguments are errors.
 pub(super) fn limit(argument: Option<&Argument>) -> Result<Option<Numeric>, ParseError> {
     let Some(argument) = argument else {
         return Ok(None);
@@ -79,8 +79,8 @@ pub(super) fn limit(argument: Option<&Argument>) -> Result<Option<Numeric>, Pars
     }
 }
 
-/// A number from 1 to `most`, also with the word before it that manuals allow (`SLOT3`, `ABUS2`); `None` for the word
-/// that means all, and for a missing argument if that is allowed.
+/// Reads a number from 1 to `most`, also with the prefix of the manuals (`SLOT3`, `ABUS2`); `None` for the word `all`
+/// and for a missing argument.
 pub(super) fn one_or(
     argument: Option<&Argument>,
     prefix: &str,
@@ -94,7 +94,7 @@ pub(super) fn one_or(
     }
 }
 
-/// A number from 1 to `most`, also with a word before it.
+/// Reads a number from 1 to `most`, also with a prefix.
 pub(super) fn numbered(argument: &Argument, prefix: &str, most: i64) -> Result<u32, ParseError> {
     let number = match argument {
         Argument::Word(word) => {

@@ -9,7 +9,7 @@ use super::{Command, calculate, function, measure, route, sense, system};
 
 static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
     let mut table = Table::default();
-    // The most frequent headers come first.
+    // the table is searched in order: the most frequent headers come first
     route::rows(&mut table);
     measure::rows(&mut table);
     sense::rows(&mut table);

@@ -11,22 +11,22 @@ use super::{Channels, OnOff, QueryList, Range, word};
 /// The event that starts a sweep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TriggerSource {
-    /// At once.
+    /// No event: a sweep starts at once.
     Immediate,
     /// `*TRG`.
     Bus,
-    /// A pulse at the rear.
+    /// A pulse at the rear connector.
     External,
     /// The timer.
     Timer,
-    /// An alarm, 1 to 4, of a channel that is monitored. The simulator monitors none, so the sweep waits.
+    /// An alarm, 1 to 4, of a monitored channel. The simulator monitors no channel, so the sweep waits.
     Alarm(u8),
 }
 
 /// A field that may follow a reading's value, in the order of the reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Field {
-    /// ` VDC`.
+    /// The unit, for example ` VDC`.
     Unit,
     /// Time of the reading.
     Time,
@@ -39,9 +39,9 @@ pub enum Field {
 /// Triggers, readings, memory, the format of readings.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Measure {
-    /// Measure and return all readings; with a list, as if it were the scan list.
+    /// Measure and return all readings; a channel list replaces the scan list for this measurement.
     Read(Channels),
-    /// Configure as CONF does, measure and return all readings.
+    /// Configure for DC volts as CONF does, measure and return all readings.
     Volts {
         /// Range.
         range: Range,
@@ -60,11 +60,11 @@ pub enum Measure {
     Remove(u32),
     /// Read the number of readings in memory.
     Points,
-    /// Read the last reading of a channel, or of the voltmeter alone, with all its fields (help: DATA:LAST?).
+    /// Read the last reading of a channel, or of the bare voltmeter, with all its fields (help: DATA:LAST?).
     Last(Channels),
-    /// Set the number of readings in memory that sets an event bit.
+    /// Set the threshold: the number of readings in memory at which an event bit is set.
     SetThreshold(u32),
-    /// Read that number.
+    /// Read the threshold.
     Threshold,
     /// Stop measuring.
     Abort,
@@ -72,25 +72,26 @@ pub enum Measure {
     SetSource(TriggerSource),
     /// Read the trigger source.
     Source,
-    /// Set the time from sweep to sweep, s.
+    /// Set the timer: the time from the start of one sweep to the start of the next, s.
     SetTimer(f64),
-    /// Read that time, or a limit of it.
+    /// Read the timer, or its smallest, largest or default value, s.
     Timer(Option<Numeric>),
     /// Set the number of sweeps of a measurement; `None`: until it is stopped.
     SetCount(Option<u32>),
-    /// Read that number, or a limit of it.
+    /// Read the number of sweeps, or its smallest, largest or default value.
     Count(Option<Numeric>),
-    /// Set the number of readings of a channel, or of the voltmeter alone, for each trigger (help: SAMPle:COUNt).
+    /// Set the number of samples: readings of a channel, or of the bare voltmeter, for each trigger (help:
+    /// SAMPle:COUNt).
     SetSamples(u32),
-    /// Read that number, or a limit of it.
+    /// Read the number of samples, or its smallest, largest or default value.
     Samples(Option<Numeric>),
-    /// Set the delay after a trigger for the voltmeter alone, s (help: TRIGger:DELay); `None`: automatic.
+    /// Set the delay after a trigger for the bare voltmeter, s (help: TRIGger:DELay); `None`: automatic.
     SetTriggerDelay(Option<f64>),
-    /// Read that delay, or a limit of it.
+    /// Read the delay after a trigger, or its smallest, largest or default value, s.
     TriggerDelay(Option<Numeric>),
-    /// Read whether that delay is automatic.
+    /// Read whether the delay after a trigger is automatic.
     TriggerDelayAuto,
-    /// Append a field to every reading, or not.
+    /// Set whether a field is appended to every reading.
     SetField(Field, bool),
     /// Read whether the field is appended.
     Field(Field),
@@ -128,7 +129,7 @@ pub(crate) const MOST_SWEEPS: u32 = 50_000;
 pub(crate) const MOST_SAMPLES: u32 = 500_000;
 /// Longest delay after a trigger, s (help: TRIGger:DELay).
 pub(crate) const LONGEST_TRIGGER_DELAY: f64 = 3600.0;
-/// More readings than any memory holds.
+/// Upper limit for a number of readings in a query, more than any memory holds.
 const MOST_READINGS: i64 = 1_000_000_000;
 
 pub(super) fn rows(table: &mut Table) {
@@ -174,7 +175,7 @@ pub(super) fn rows(table: &mut Table) {
         let time = time
             .number(Unit::Second)?
             .within(0.0, LONGEST_TIMER, 10.0)?;
-        // The instrument keeps milliseconds.
+        // the instrument stores milliseconds
         Ok(M::SetTimer((time * 1e3).round() / 1e3))
     });
     table.add("TRIGger:TIMer?", |call| {
@@ -208,7 +209,7 @@ pub(super) fn rows(table: &mut Table) {
         let delay = delay
             .number(Unit::Second)?
             .within(0.0, LONGEST_TRIGGER_DELAY, 0.0)?;
-        // In steps of 4 us.
+        // the instrument stores steps of 4 us
         Ok(M::SetTriggerDelay(Some((delay / 4e-6).round() * 4.0 / 1e6)))
     });
     table.add("TRIGger:DELay?", |call| {
@@ -246,7 +247,7 @@ impl TriggerSource {
         word(&SOURCES, self)
     }
 
-    /// Whether a sweep waits for an external event.
+    /// Whether a sweep waits for a trigger from outside the voltmeter.
     pub fn waits(self) -> bool {
         matches!(self, Self::Bus | Self::External | Self::Alarm(_))
     }

@@ -2,8 +2,9 @@
 //! module only.
 //!
 //! Chapters as in the fact sheet: switching and sequences (sections 4, 6), configuration (5), measuring and memory (5),
-//! computations on readings (corrections), the mainframe and its status (1, 3, 7). Numbers are parsed to the values that the instrument uses: a range is the
-//! smallest that holds the value, an integration time the next available one.
+//! computations on readings (corrections), the mainframe and its status (1, 3, 7). Numbers are parsed to the values
+//! that the instrument uses: a range to the smallest that holds the value, an integration time to the next available
+//! one.
 
 mod calculate;
 mod function;
@@ -37,7 +38,7 @@ pub use sense::{HeaderForm, Quantity, Range, Sense, Setting};
 pub(crate) use system::MEMORIES;
 pub use system::{Protection, StatusGroup, System};
 
-/// The channels of a setting; `None`: the internal voltmeter.
+/// The channels of a setting; `None` for the internal voltmeter.
 pub type Channels = Option<ChannelList>;
 
 /// One command.
@@ -120,7 +121,7 @@ impl fmt::Display for Message {
     }
 }
 
-/// The channel list of a query follows a blank; without a list there is neither.
+/// Writes the channel list of a query after a blank; nothing without a list.
 struct QueryList<'a>(&'a Channels);
 
 impl fmt::Display for QueryList<'_> {
@@ -132,7 +133,7 @@ impl fmt::Display for QueryList<'_> {
     }
 }
 
-/// The channel list of a setting follows a comma; without a list there is neither.
+/// Writes the channel list of a setting after a comma; nothing without a list.
 struct TrailingList<'a>(&'a Channels);
 
 impl fmt::Display for TrailingList<'_> {
@@ -144,7 +145,7 @@ impl fmt::Display for TrailingList<'_> {
     }
 }
 
-/// ON or OFF.
+/// Writes ON or OFF.
 struct OnOff(bool);
 
 impl fmt::Display for OnOff {

@@ -33,9 +33,9 @@ pub enum Route {
     OpenAll(Option<u32>),
     /// Open the relays of all analogue buses, or of one.
     OpenBuses(Option<u32>),
-    /// Let commands begin before relays have settled, or not.
+    /// Set whether commands may begin before relays have settled.
     SetOverlap(bool),
-    /// Read whether they may.
+    /// Read whether commands may begin before relays have settled.
     Overlap,
     /// Read whether relays of one slot, or of any slot, are still moving.
     ModuleBusy(Option<u32>),
@@ -51,7 +51,7 @@ pub enum Route {
     Scan,
     /// Read the number of channels in the scan list.
     ScanSize,
-    /// Keep the scan list ascending and without repeats, or in the given order.
+    /// Set whether the scan list is ascending and without repeats, or keeps the given order.
     SetOrdered(bool),
     /// Read the order of the scan list.
     Ordered,
@@ -140,7 +140,7 @@ pub(super) fn rows(table: &mut Table) {
         let channels = channels.ok_or(ParseError::MissingParameter)?;
         match which {
             [] => Ok(R::Labels(channels)),
-            // The factory labels of channels are not known.
+            // only user labels: the factory labels of channels are not known
             [which] => which.choice(&[("USER", ())]).map(|()| R::Labels(channels)),
             _ => Err(ParseError::ParameterNotAllowed),
         }
@@ -174,7 +174,7 @@ pub(super) fn rows(table: &mut Table) {
     });
 }
 
-/// A name: a letter, then letters, digits and underscores; stored in capitals.
+/// Checks a name (a letter, then letters, digits and underscores), and returns it in capitals.
 fn checked_name(word: &str) -> Result<String, ParseError> {
     if word.len() > LONGEST_NAME || !word.starts_with(|c: char| c.is_ascii_alphabetic()) {
         return Err(ParseError::IllegalParameter);
@@ -187,7 +187,7 @@ fn name(call: &Call) -> Result<String, ParseError> {
     checked_name(name.word()?)
 }
 
-/// The commands are parsed at definition; one that is invalid, or not allowed in a sequence, discards the whole
+/// Parses a definition and its commands. One command that is invalid, or not allowed in a sequence, discards the whole
 /// sequence (section 6).
 fn define(call: &Call) -> Result<Route, ParseError> {
     let [name, text] = call.exactly()?;
@@ -210,7 +210,7 @@ fn define(call: &Call) -> Result<Route, ParseError> {
 
 impl Command {
     /// Whether the command is allowed in a sequence: fact sheet section 6, except digital outputs and DACs, which no
-    /// module here has.
+    /// supported module has.
     fn is_allowed_in_sequence(&self) -> bool {
         use super::{Measure, System};
         matches!(

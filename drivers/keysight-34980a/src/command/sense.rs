@@ -23,25 +23,25 @@ pub enum Range {
 pub enum Setting {
     /// The range.
     Range(Range),
-    /// Autorange, or keep the present range.
+    /// Whether autorange is on; off keeps the present range.
     RangeAuto(bool),
     /// Integration time, power-line cycles.
     Nplc(f64),
-    /// Integration time, s; from then on not in power-line cycles.
+    /// Integration time, s; replaces an integration time in power-line cycles.
     Aperture(f64),
-    /// Integrate over the time set by aperture, or over power-line cycles.
+    /// Whether the aperture is the integration time, instead of the power-line cycles.
     ApertureEnabled(bool),
     /// Resolution, V: selects the integration time.
     Resolution(Numeric),
-    /// Take a zero reading after every reading, or not.
+    /// Whether a zero reading follows every reading.
     Autozero(bool),
     /// Take one zero reading now, and none after readings.
     AutozeroOnce,
-    /// Input resistance over 10 Gohm on the low ranges (on), or 10 Mohm on all.
+    /// Input resistance: over 10 Gohm on the low ranges (on), or 10 Mohm on all ranges (off).
     InputAuto(bool),
     /// Delay before each scanned reading, s.
     Delay(f64),
-    /// Let the delay follow the integration time, or not.
+    /// Whether the delay is determined by the integration time.
     DelayAuto(bool),
 }
 
@@ -70,8 +70,8 @@ pub enum Quantity {
     DelayAuto,
 }
 
-/// Which of two forms an instrument accepts for the headers that differ between the 34980A's help and the manual of the
-/// similar 34970A: those of [`Quantity::Autozero`] and [`Quantity::InputAuto`].
+/// The form that an instrument accepts of the headers of [`Quantity::Autozero`] and [`Quantity::InputAuto`]. These
+/// differ between the 34980A's help and the manual of the similar 34970A.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum HeaderForm {
     /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as in the 34980A's help.
@@ -81,10 +81,10 @@ pub enum HeaderForm {
     Of34970A,
 }
 
-/// Configuration of channels; without a list of the internal voltmeter.
+/// Configuration of channels; without a channel list, of the internal voltmeter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sense {
-    /// Configure for DC volts: sets the scan list, and everything else to its default.
+    /// Configure for DC volts: set the scan list, and every other setting to its default.
     Configure {
         /// Range.
         range: Range,
@@ -97,7 +97,7 @@ pub enum Sense {
     Configuration(Channels),
     /// Change one setting.
     Set(Setting, Channels),
-    /// Read one setting, or a limit of it (MIN, MAX, DEF).
+    /// Read one setting, or its smallest, largest or default value.
     Ask(Quantity, Option<Numeric>, Channels),
     /// As [`Sense::Set`], with the 34970A's header.
     SetOlder(Setting, Channels),
@@ -228,7 +228,7 @@ fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> 
         }
         Quantity::Aperture => {
             let aperture = value.number(Unit::Second)?.within(300e-6, 1.0, 1.0)?;
-            // In steps of 4 us from the shortest.
+            // the instrument stores steps of 4 us
             Setting::Aperture((aperture / 4e-6).round() * 4.0 / 1e6)
         }
         Quantity::ApertureEnabled => Setting::ApertureEnabled(value.boolean()?),
@@ -239,7 +239,7 @@ fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> 
         },
         Quantity::InputAuto => Setting::InputAuto(value.boolean()?),
         Quantity::Delay => {
-            // The instrument keeps milliseconds.
+            // the instrument stores milliseconds
             let delay = value.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
             Setting::Delay((delay * 1e3).round() / 1e3)
         }
@@ -247,7 +247,7 @@ fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> 
     })
 }
 
-/// On, off, or `None` for ONCE.
+/// Reads on or off, or `None` for ONCE.
 pub(super) fn autozero(value: &Argument) -> Result<Option<bool>, ParseError> {
     match value {
         Argument::Word(word) if word.eq_ignore_ascii_case("ONCE") => Ok(None),
@@ -300,7 +300,7 @@ impl Setting {
 }
 
 impl Quantity {
-    /// The short form of the header; the documented one if the 34970A's is the same.
+    /// The short form of the header in this form; most headers have only one form.
     pub fn header(self, form: HeaderForm) -> &'static str {
         let older = OLDER_HEADERS
             .into_iter()
@@ -311,7 +311,7 @@ impl Quantity {
             .map_or("", |(_, _, short)| short)
     }
 
-    /// Whether the 34970A's header differs.
+    /// Whether the 34970A's header differs from the documented one.
     #[cfg(feature = "simulator")]
     fn has_two_headers(self) -> bool {
         OLDER_HEADERS.iter().any(|(quantity, ..)| *quantity == self)
@@ -320,7 +320,7 @@ impl Quantity {
 
 #[cfg(feature = "simulator")]
 impl Sense {
-    /// The form of the header, if there are two.
+    /// The form of the header, if the setting has two forms.
     pub(crate) fn header_form(&self) -> Option<HeaderForm> {
         match self {
             Self::SetOlder(..) | Self::AskOlder(..) => Some(HeaderForm::Of34970A),
@@ -342,7 +342,7 @@ impl fmt::Display for Range {
     }
 }
 
-/// The value alone, in the form in which it follows the header.
+/// Writes the value, as it follows the header.
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

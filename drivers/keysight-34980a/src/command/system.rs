@@ -18,10 +18,10 @@ pub enum StatusGroup {
     Alarm,
 }
 
-/// Row protection of a 34934A. Its physics belongs to the simulated rig.
+/// Row protection of a 34934A. Its effect on currents is computed by the simulated rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Protection {
-    /// 100 ohm in the row while a relay moves, and after.
+    /// 100 ohm in the row while a relay moves and afterwards.
     #[default]
     Auto100,
     /// 100 ohm in the row while a relay moves.
@@ -48,7 +48,7 @@ pub enum System {
     Protection(u32),
     /// Read the number of closures of relays.
     RelayCycles(ChannelList),
-    /// Clear the number of closures of relays.
+    /// Reset the number of closures of relays to 0.
     ClearRelayCycles(ChannelList),
     /// Read whether the voltmeter is installed.
     VoltmeterInstalled,
@@ -64,11 +64,11 @@ pub enum System {
     Memories,
     /// Enable or disable the recall of a memory at power on (help: MEMory:STATe:RECall:AUTO).
     SetRecallAtPowerOn(bool),
-    /// Read whether it is enabled.
+    /// Read whether the recall at power on is enabled.
     RecallAtPowerOn,
     /// Select the memory that is recalled at power on (help: MEMory:STATe:RECall:SELect).
     SelectRecalled(u8),
-    /// Read which memory that is.
+    /// Read which memory is recalled at power on.
     Recalled,
     /// Read the MAC address of the network port (help: SYSTem:COMMunicate:LAN:MAC).
     MacAddress,
@@ -86,9 +86,9 @@ pub enum System {
     Time,
     /// Read when the last scan began.
     ScanTime,
-    /// Request the exclusive lock for changes; the reply tells whether it was granted.
+    /// Request the exclusive lock for changes; the reply is whether it was granted.
     RequestLock,
-    /// Release one request.
+    /// Release one request of the lock.
     ReleaseLock,
     /// Read the name of this session's connection.
     LockName,
@@ -110,7 +110,7 @@ pub enum System {
     LineFrequency,
     /// Sound the beeper.
     Beep,
-    /// As `*RST`.
+    /// Preset the instrument: as `*RST`, except scaling, limits and alarm assignments.
     Preset,
     /// Save the voltmeter's settings in one of the memories 1 to 5; memory 0 is for the power-down state.
     Save(u8),
@@ -186,7 +186,7 @@ pub(super) fn rows(table: &mut Table) {
         let number = |argument: &scpi::Argument, least, most| argument.integer(least, most);
         let (year, month) = (number(year, 1970, 2099)?, number(month, 1, 12)?);
         let day = number(day, 1, days_in(year, month))?;
-        // The limits are far within both types.
+        // the limits are within both types
         Ok(S::SetDate(year as i32, month as u32, day as u32))
     });
     table.add("SYSTem:DATE?", |call| plain(call, S::Date));

@@ -13,9 +13,9 @@ impl<S: Stream> Keysight34980a<S> {
     /// Checks that every relay of a wiring exists, and can be scanned if it must be.
     ///
     /// # Errors
-    /// The first relay that is unsuitable, with slot, module found, channel and electrodes: [`RigError::WrongModule`]
-    /// for a slot without a known module or whose module lacks the channel, [`RigError::Unable`] for a channel that
-    /// cannot be scanned.
+    /// The first unsuitable relay, with slot, module found, channel and electrodes: [`RigError::WrongModule`] for a
+    /// slot without a known module, or whose module lacks the channel; [`RigError::Unable`] for a channel that cannot
+    /// be scanned.
     pub fn check_wiring(&self, wiring: &Wiring) -> Result<(), RigError> {
         let measuring = wiring.measuring_relays();
         let moved = wiring.injecting_relays().into_iter();
@@ -31,7 +31,8 @@ impl<S: Stream> Keysight34980a<S> {
         }
     }
 
-    /// Checks that the slots hold the modules that a wiring was planned for: times, limits and noise depend on them.
+    /// Checks that the slots hold the modules for which a wiring was planned, because times, limits and noise depend on
+    /// them.
     ///
     /// # Errors
     /// [`RigError::WrongModule`] for the first slot with another module, or none.

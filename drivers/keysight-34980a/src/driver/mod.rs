@@ -1,8 +1,8 @@
 //! The mainframe as [`Switch`] and [`Voltmeter`].
 //!
-//! Relay moves are deferred and sent in one segment with the next query, so that an injection costs one message:
-//! `ROUT:CLOS (@1037);:ROUT:OPEN (@1036);:READ?`. A move that only closes relays is sent at once: its relay must be
-//! closed before the source is switched on.
+//! Relay moves are deferred and sent in one segment with the next query, so that an injection needs one message:
+//! `ROUT:CLOS (@1037);:ROUT:OPEN (@1036);:READ?`. A move that only closes relays is sent at once, because its relays
+//! must be closed before the source is switched on.
 
 mod checks;
 mod relay_life;
@@ -30,7 +30,7 @@ const MODEL: &str = "34980A";
 const VENDORS: [&str; 2] = ["Agilent Technologies", "Keysight Technologies"];
 /// Entries of the error queue (section 7), and a margin.
 const MOST_ERRORS: usize = 25;
-/// The lower mains frequency: deadlines must be long enough for both.
+/// The lower of the two mains frequencies; deadlines must be long enough for both.
 const SLOWEST_LINE_HZ: f64 = 50.0;
 /// Longest delay before a channel (section 5).
 const LONGEST_DELAY: Duration = Duration::from_secs(60);
@@ -62,8 +62,8 @@ struct Identification {
 }
 
 impl<S: Stream> Keysight34980a<S> {
-    /// Queries the identity and the modules in the slots. Moves and resets nothing: relays left closed earlier must be
-    /// detected.
+    /// Queries the identity and the modules in the slots. Moves and resets nothing, so that relays left closed earlier
+    /// can be detected.
     ///
     /// # Errors
     /// Another instrument, an invalid reply, or a broken connection.
@@ -114,17 +114,17 @@ impl<S: Stream> Keysight34980a<S> {
         &self.identification.identity
     }
 
-    /// The modules in slots 1 to 8, where this crate knows them.
+    /// The modules in slots 1 to 8; `None` for an empty slot or an unknown module.
     pub fn modules(&self) -> [Option<Module>; 8] {
         self.identification.modules
     }
 
-    /// The serial numbers of the modules in the slots.
+    /// The serial numbers of the modules in slots 1 to 8.
     pub fn serials(&self) -> &[Option<String>; 8] {
         &self.identification.serials
     }
 
-    /// The module types as reported for the slots, known or unknown.
+    /// The module types as reported for slots 1 to 8, also of unknown modules; `None` for an empty slot.
     pub fn cards(&self) -> &[Option<String>; 8] {
         &self.identification.cards
     }
@@ -135,7 +135,7 @@ impl<S: Stream> Keysight34980a<S> {
         self.unit.lock().await.headers.clone()
     }
 
-    /// Relay moves as commands; each relay is checked to exist.
+    /// Converts relay moves to commands, after checking that each relay exists.
     fn commands(&self, moves: &[Move]) -> Result<Vec<Command>, RigError> {
         let mut commands = Vec::new();
         for one in moves {
@@ -172,8 +172,8 @@ impl<S: Stream> Keysight34980a<S> {
         prepared.map_or(Volts(RANGES[0]), |prepared| prepared.meter.range)
     }
 
-    /// Timeout of the readings of one message, beyond the usual reply time: as the plan states, otherwise by section 9
-    /// plus half as much.
+    /// Timeout of the readings of one message, beyond the usual reply time: that of the plan, otherwise 1.5 times the
+    /// time by section 9.
     fn deadline(&self, meter: MeterSettings, scan: &[Relay], link: Duration) -> Duration {
         let zero = if meter.autozero { 2.0 } else { 1.0 };
         let integration = zero * meter.nplc / SLOWEST_LINE_HZ;
@@ -196,7 +196,7 @@ impl<S: Stream> Keysight34980a<S> {
 }
 
 impl<S: Stream> Switch for Keysight34980a<S> {
-    /// Defers the moves to the next query, unless nothing is opened: then the relays close at once.
+    /// Defers the moves to the next query, unless they only close relays: these are sent at once.
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         let commands = self.commands(moves)?;
         let opens = |command: &Command| matches!(command, Command::Route(Route::Open(_)));
@@ -231,7 +231,8 @@ impl<S: Stream> Switch for Keysight34980a<S> {
     }
 
     /// Opens the relays, reads them back, and then checks whether an earlier move was rejected. A link that is
-    /// unsynchronised after a lost or late reply is synchronised first: relays that stay closed are worse.
+    /// unsynchronised after a lost or late reply is resynchronised first, because relays that stay closed are worse
+    /// than a longer message exchange.
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
         self.check_exist(relays)?;
         let mut unit = self.unit.lock().await;
@@ -239,7 +240,7 @@ impl<S: Stream> Switch for Keysight34980a<S> {
             unit.prepared = None;
             unit.conversation.link_mut().resynchronise().await?;
         }
-        // On the way to safety nothing is closed.
+        // deferred closures are dropped: while the rig is made safe no relay is closed
         unit.held
             .retain(|command| !matches!(command, Command::Route(Route::Close(_))));
         unit.open(relays).await
@@ -341,7 +342,7 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
     }
 
     async fn read_on(&mut self, range: Volts) -> Result<Reading, RigError> {
-        // `chain` has checked that there is exactly one.
+        // `chain` returns exactly one reading for each pair
         let moves = Vec::new();
         let readings = self.chain(&[ChainedReading { moves, range }]).await?;
         Ok(readings.first().copied().unwrap_or(Reading::NotMeasured))

@@ -9,8 +9,8 @@ use crate::command::System;
 use crate::modules::join;
 
 impl<S: Stream> Keysight34980a<S> {
-    /// Number of closures of each relay since it was made, or since the count was cleared (`DIAG:REL:CYCL?`). A
-    /// 34925A's FETs always count 0.
+    /// Number of closures of each relay since its manufacture, or since the count was cleared (`DIAG:REL:CYCL?`). The
+    /// count of a FET of a 34925A is always 0.
     ///
     /// # Errors
     /// A relay that does not exist, a broken connection, or a reply with another number of counts.

@@ -19,12 +19,12 @@ pub enum Contact {
     AnalogBus {
         /// 1 or 2; on a matrix always 2.
         bank: u32,
-        /// 1 to 4. The voltmeter is on 1.
+        /// 1 to 4. The voltmeter is on bus 1.
         bus: u32,
     },
     /// A cross point.
     Cross {
-        /// Which of the module's matrices, from 1.
+        /// Number of the matrix on the module, from 1.
         matrix: u32,
         /// Row, as the module numbers it (5 to 8 on the second matrix of a dual one).
         row: u32,
@@ -66,7 +66,7 @@ pub(super) fn multiplexer(model: Model, size: u32, channel: u32) -> Option<Conta
     }
 }
 
-/// Rows 1 to 4 are matrix 1, rows 5 to 8 matrix 2; only matrix 2 connects to the ABus.
+/// The contact of a dual matrix. Rows 1 to 4 are matrix 1, rows 5 to 8 matrix 2; only matrix 2 connects to the ABus.
 pub(super) fn dual_matrix(channel: u32, columns: u32) -> Option<Contact> {
     if (921..=924).contains(&channel) {
         return Some(Contact::AnalogBus {
@@ -82,7 +82,8 @@ pub(super) fn dual_matrix(channel: u32, columns: u32) -> Option<Contact> {
     })
 }
 
-/// A 34934A: every row's channels begin at their own number; the further matrices follow in the same row.
+/// The contact of a 34934A channel. The channels of each row begin at a number of its own; those of further matrices
+/// follow in the same row.
 pub(super) fn large_matrix(rows: u32, columns: u32, channel: u32) -> Option<Contact> {
     let matrices = match (rows, columns) {
         (4, 32) => 4,

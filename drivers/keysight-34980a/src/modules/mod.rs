@@ -16,12 +16,12 @@ pub use contact::Contact;
 use contact::{dual_matrix, large_matrix, multiplexer};
 pub use model::Model;
 
-/// The terminal block of a module. It decides which channels of a matrix exist, and how many wires each switches.
+/// The terminal block of a module. It determines which channels of a matrix exist, and how many wires each switches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Terminal {
     /// No terminal block: on a 34934A no channel may then close.
     None,
-    /// The block that keeps the module's own numbering.
+    /// The block with the module's own channel numbers.
     Plain,
     /// A 34933A as four 4 x 8 one-wire matrices.
     OneWire,
@@ -36,7 +36,7 @@ pub enum Terminal {
 
 /// A module with its terminal block.
 ///
-/// Written `34924A`, `34934A,4x128`, `34934A,none`, `34933A,1-wire`.
+/// Its text is `34924A`, `34934A,4x128`, `34934A,none`, `34933A,1-wire`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Module {
     model: Model,
@@ -62,7 +62,7 @@ pub enum ModuleError {
 }
 
 impl Module {
-    /// A module with the terminal block implied by its bare name: plain, or 4x32 on a 34934A.
+    /// A module with its default terminal block: plain, or 4x32 on a 34934A.
     pub fn new(model: Model) -> Self {
         let terminal = match model {
             Model::M34934A => Terminal::Matrix {
@@ -109,8 +109,8 @@ impl Module {
         self.terminal
     }
 
-    /// The name in the reply to `SYST:CTYP?`: a 34934A appends its layout, also without a terminal block (then 4x32: a
-    /// public client reads the layout there when `SYST:MOD:TERM:TYPE?` returns NONE).
+    /// The name in the reply to `SYST:CTYP?`: for a 34934A with its layout, also without a terminal block (then 4x32,
+    /// because a public client reads the layout from this reply when `SYST:MOD:TERM:TYPE?` returns NONE).
     pub fn card_type(&self) -> String {
         match (self.model, self.terminal) {
             (Model::M34934A, Terminal::Matrix { rows, columns }) => {
@@ -121,8 +121,8 @@ impl Module {
         }
     }
 
-    /// The name in the reply to `SYST:MOD:TERM:TYPE?`: `NONE`, a matrix's layout as `R8_R64`, and for the others (which
-    /// the sources do not name) the block's order number.
+    /// The name in the reply to `SYST:MOD:TERM:TYPE?`: `NONE`, the layout of a matrix such as `R8_R64`, or the order
+    /// number of any other block (for which the sources give no name).
     pub fn terminal_type(&self) -> String {
         match self.terminal {
             Terminal::None => "NONE".to_owned(),
@@ -133,7 +133,7 @@ impl Module {
         }
     }
 
-    /// The low-side channel of a high-side channel: on a 34934A of a two-wire layout (4x32, 4x64, 8x32). `None` for
+    /// The low-side channel of a high-side channel on a 34934A with a two-wire layout (4x32, 4x64, 8x32). `None` for
     /// every other channel and module.
     pub fn pair(&self, channel: u32) -> Option<u32> {
         let Terminal::Matrix { rows, columns } = self.terminal else {
@@ -212,7 +212,8 @@ impl Module {
         matches!(self.contact(channel), Some(Contact::AnalogBus { .. })).then_some(channel)
     }
 
-    /// Checks that these channels may be closed at once: coils (section 3), and one channel a bank on a FET module.
+    /// Checks that these channels may be closed at the same time: the number of coils (section 3), and on a FET module
+    /// one channel a bank.
     ///
     /// # Errors
     /// The exceeded limit, in words.

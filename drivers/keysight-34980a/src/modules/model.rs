@@ -1,4 +1,4 @@
-//! The modules by name, with the data of the tables of section 3.
+//! The module models, with the data of the tables of section 3.
 
 use std::fmt;
 use std::time::Duration;
@@ -26,12 +26,12 @@ pub enum Model {
     M34932A,
     /// Dual 4 x 8 reed matrix.
     M34933A,
-    /// Reed matrix whose terminal block decides its layout.
+    /// Reed matrix whose terminal block determines its layout.
     M34934A,
 }
 
 impl Model {
-    /// Every known module.
+    /// All models.
     pub const ALL: [Self; 9] = [
         Self::M34921A,
         Self::M34922A,
@@ -59,7 +59,7 @@ impl Model {
         }
     }
 
-    /// Time to close a relay. Zero for a FET, whose time is negligible.
+    /// Time to close a relay; zero for a FET, whose time is negligible.
     pub fn close_time(self) -> Duration {
         match self {
             Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A => {
@@ -89,7 +89,7 @@ impl Model {
         }
     }
 
-    /// Whether its relays keep their state without power. (The ABus relays never do.)
+    /// Whether the relays keep their state without power; ABus relays never do.
     pub fn latching(self) -> bool {
         matches!(
             self,
@@ -97,7 +97,8 @@ impl Model {
         )
     }
 
-    /// The time of its relays, without the readings. A module that cannot be scanned counts as 100 channels a second.
+    /// The times of the module's relays and of readings. For a module that cannot be scanned, 100 channels a second are
+    /// assumed.
     pub fn timing(self, nplc: f64, line_hz: f64) -> Timing {
         Timing {
             relay_close: self.close_time(),
@@ -107,7 +108,7 @@ impl Model {
         }
     }
 
-    /// Limits of its relays for a plan. A 34933A is assumed to have its in-rush resistors.
+    /// Limits of the module's relays, for checking a plan. A 34933A is assumed to have its in-rush resistors.
     pub fn relay_limits(self) -> RelayLimits {
         let (current, voltage) = match self {
             Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A => (1.0, 300.0),
@@ -121,7 +122,8 @@ impl Model {
         }
     }
 
-    /// Most coils (closures, where coils are no limit) that may be energised in the slot, and in each bank.
+    /// Maximum number of coils energised at the same time in the slot and in each bank (of closed channels, where coils
+    /// are not the limit).
     pub(super) fn most_coils(self) -> (u32, u32) {
         match self {
             Self::M34923A | Self::M34924A => (40, 20),

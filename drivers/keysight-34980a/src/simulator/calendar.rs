@@ -1,4 +1,4 @@
-//! The clock of the readings' time stamps. It keeps running while power is off.
+//! The clock for the time stamps of readings. It runs on while power is off.
 
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ impl Calendar {
     }
 
     fn shown(&self, at: Duration) -> u64 {
-        // Both setters below keep the sum positive from the time of setting on, and time does not run backwards.
+        // the sum is not negative: both setters below make it so at the time of setting, and time never decreases
         u64::try_from(self.offset + milliseconds(at)).unwrap_or(0)
     }
 

@@ -1,4 +1,4 @@
-//! Entries of the error queue: numbers of the standard, and the instrument's own.
+//! Entries of the error queue: errors of the standard, and the instrument's own errors.
 
 use scpi::ParseError;
 

@@ -1,4 +1,4 @@
-//! Faults that a scene or a user may inject (section 10). Faults of the connection belong to the server.
+//! Faults that a scene or a user can inject (section 10). Faults of the connection are injected by the server.
 
 use std::time::Duration;
 
@@ -10,12 +10,12 @@ use crate::command::{Protection, TriggerSource};
 use crate::modules::Module;
 
 impl Simulator34980a {
-    /// A relay that never conducts again. The mainframe does not detect it: its state reads as commanded.
+    /// Makes a relay never conduct. The mainframe does not detect the fault: the state reads as commanded.
     pub fn stick_open(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
         self.stick(relay, Some(false), at, wires);
     }
 
-    /// A relay that always conducts. The mainframe does not detect it.
+    /// Makes a relay always conduct. The mainframe does not detect the fault.
     pub fn stick_closed(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
         self.stick(relay, Some(true), at, wires);
     }
@@ -40,8 +40,8 @@ impl Simulator34980a {
         self.meter.install(installed);
     }
 
-    /// Replaces the module of a slot (1 to 8), or removes it. The new module's relays are open, its channels not in the
-    /// scan list.
+    /// Replaces the module of a slot (1 to 8), or removes it. The relays of the new module are open, and its channels
+    /// are not in the scan list.
     pub fn set_module(
         &mut self,
         slot: u32,
@@ -56,8 +56,8 @@ impl Simulator34980a {
         self.relays.tell(at, wires);
     }
 
-    /// Opens or closes the terminal block of a slot. While it is open no relay to a bus closes, nor any relay of a
-    /// 34934A.
+    /// Opens or closes the terminal block of a slot. While it is open, the relays to the buses and all relays of a
+    /// 34934A cannot be closed.
     pub fn set_interlock(&mut self, slot: u32, open: bool, at: Duration, wires: &mut dyn Wires) {
         self.pass(at, wires);
         self.relays.interlock(slot, open);

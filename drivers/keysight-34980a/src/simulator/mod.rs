@@ -1,14 +1,14 @@
 //! The mainframe as a state machine: relays, scan list, voltmeter, memory, sequences, sessions, status, error queue.
 //!
 //! No I/O, no clock, no physics: lines and time are passed in, relays and voltages go through [`Wires`]. Internal
-//! activity (a scan into memory, a sequence) is executed when the time is next advanced, at its own instants: see
-//! [`Simulator34980a::pass`] and [`Simulator34980a::due`].
+//! activity (a scan into memory, a sequence) is executed when the time is next advanced, each event at its own instant:
+//! see [`Simulator34980a::pass`] and [`Simulator34980a::due`].
 //!
-//! Decisions where the fact sheet is silent: a command error ends its message, an execution error does not. Settings of
-//! the voltmeter wait for a measurement whose end can be foreseen and are rejected during another; relays move during a
-//! scan. `*OPC?` does not wait for an operation that only a trigger or ABOR can end. READ? of more readings than the
-//! memory holds, or without end, is rejected. Readings of READ? are taken ahead of their time: another session that
-//! sends a message meanwhile finds the relays as the scan leaves them.
+//! Assumptions where the fact sheet has no information: a command error ends its message, an execution error does not.
+//! A setting of the voltmeter waits for the end of a measurement if the end can be foreseen, and is rejected otherwise;
+//! relays may be moved during a scan. `*OPC?` does not wait for an operation that only a trigger or ABOR can end. A
+//! READ? of more readings than the memory holds, or without end, is rejected. Readings of READ? are taken ahead of
+//! their time: for a message of another session meanwhile, the relays are already in their state after the scan.
 
 mod calendar;
 mod errors;
@@ -42,17 +42,18 @@ use sessions::Sessions;
 /// The circuit that the mainframe's relays and voltmeter are connected to. The simulated rig implements it.
 pub trait Wires {
     /// Called with the closed relays whenever they change; during a scan for every channel. A stuck relay is passed in
-    /// its actual state, whatever the mainframe assumes.
+    /// its actual state, not in the one that the mainframe assumes.
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration);
 
-    /// Called instead of [`Wires::relays`] for sweeps that are not measured, because their readings would be overwritten
-    /// before they could be read: relays that have closed and opened this many times up to `at`. Ignored by default.
+    /// Called instead of [`Wires::relays`] for sweeps that are not measured, because their readings would be
+    /// overwritten before they could be read: these relays have closed and opened `times` times up to `at`. Does
+    /// nothing by default.
     fn skipped(&mut self, _relays: &[Relay], _times: u32, _at: Duration) {}
 
     /// Returns the voltage between the voltmeter's terminals, before the limit of its range is applied.
     fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts;
 
-    /// Returns the alternating voltage between the voltmeter's terminals. None by default.
+    /// Returns the alternating voltage between the voltmeter's terminals. Returns no alternating voltage by default.
     fn alternating(&mut self, _at: Duration, _request: MeterRequest) -> Alternating {
         Alternating::default()
     }
@@ -79,16 +80,16 @@ impl Default for Alternating {
 /// The parameters of a voltage measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeterRequest {
-    /// The scanned channel; `None`: whatever analogue bus 1 is connected to.
+    /// The scanned channel; `None` for the circuit that analogue bus 1 is connected to.
     pub channel: Option<Relay>,
     /// The range.
     pub range: Volts,
     /// Integration time, power-line cycles.
     pub nplc: f64,
-    /// Current from the voltmeter's HI terminal to its LO for a resistance measurement, otherwise 0. If it cannot flow
-    /// the voltage is infinite.
+    /// Current from the voltmeter's HI terminal to its LO terminal for a resistance measurement, otherwise 0. If the
+    /// current cannot flow, the voltage is infinite.
     pub test_current: Amps,
-    /// The voltage is measured on analogue bus 2.
+    /// Whether the voltage is measured on analogue bus 2.
     pub four_wire: bool,
 }
 
@@ -122,14 +123,14 @@ pub struct Settings34980a {
     pub setting_time: Duration,
     /// Number of readings that the memory holds.
     pub memory: usize,
-    /// The clock at time zero, since 1970-01-01.
+    /// The clock at time zero, as time since 1970-01-01.
     pub clock: Duration,
     /// The accepted header form for autozero and input impedance; the other form gives error -113.
     pub headers: HeaderForm,
 }
 
 impl Default for Settings34980a {
-    /// Empty slots, 50 Hz, messages without delay, memory as in section 5, the year 2000.
+    /// Empty slots, 50 Hz, no time for messages and settings, memory as in section 5, clock at the year 2000.
     fn default() -> Self {
         Self {
             vendor: "Agilent Technologies".to_owned(),
@@ -179,16 +180,16 @@ pub struct Simulator34980a {
     display_on: bool,
     /// The settings stored by `*SAV`; they survive `*RST` and power off.
     kept: [Option<Settings>; MEMORIES as usize],
-    /// Whether a place of `kept` is recalled at power on, and which; they survive `*RST` and power off.
+    /// Whether `kept[recalled]` is recalled at power on; both fields survive `*RST` and power off.
     recall_at_power_on: bool,
     recalled: u8,
     /// User labels of channels; they survive `*RST` and power off.
     labels: BTreeMap<Relay, String>,
-    /// Commands may begin before relays have settled.
+    /// Whether commands may begin before relays have settled.
     overlap: bool,
-    /// `*OPC` waits for the end of pending operations.
+    /// Whether `*OPC` waits for the end of pending operations.
     completion_awaited: bool,
-    /// The reply to the present message may come later.
+    /// Whether the reply to the present message may be deferred.
     deferring: bool,
     deferred: Option<Deferred>,
 }
@@ -219,7 +220,7 @@ impl Simulator34980a {
         }
     }
 
-    /// The closed relays, as the mainframe assumes.
+    /// The relays that the mainframe assumes to be closed.
     pub fn closed(&self) -> &BTreeSet<Relay> {
         self.relays.closed()
     }
@@ -234,15 +235,15 @@ impl Simulator34980a {
         (self.errors.added(), self.errors.latest())
     }
 
-    /// Time of the next internal event: a reading, a sweep, a step of a sequence. [`Simulator34980a::pass`] performs it at
-    /// this time, also if it is called later.
+    /// Time of the next internal event: a reading, a sweep, a step of a sequence. [`Simulator34980a::pass`] executes it
+    /// at this time, even if called later.
     pub fn due(&self) -> Option<Duration> {
         let due = [self.meter.due(), self.sequences.due()];
         due.into_iter().flatten().min()
     }
 
-    /// Advances time: takes the readings and the steps of sequences that were due, each at its own instant. Of an endless
-    /// scan, at most about as many readings as the memory holds.
+    /// Advances time: takes the readings and the steps of sequences that were due, each at its own instant. Of an
+    /// endless scan it takes at most about as many readings as the memory holds.
     pub fn pass(&mut self, at: Duration, wires: &mut dyn Wires) {
         while let Some(due) = self.sequences.due().filter(|due| *due <= at) {
             self.meter.advance(due, &mut self.relays, wires);
@@ -253,8 +254,9 @@ impl Simulator34980a {
         self.notice(at);
     }
 
-    /// Switches power off and on: latching relays keep their state; sequences, relay counts and the clock are kept; settings are
-    /// recalled where `MEM:STAT:REC:AUTO` is on; everything else is reset (sections 3 and 6).
+    /// Switches power off and on: latching relays keep their state; sequences, relay counts, labels, stored settings
+    /// and the clock are kept; settings are recalled if `MEM:STAT:REC:AUTO` is on; everything else is reset (sections 3
+    /// and 6).
     pub fn power_cycle(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.relays.lose_power();
         self.deferred = None;
@@ -279,7 +281,7 @@ impl Simulator34980a {
         self.relays.tell(at, wires);
     }
 
-    /// The settings stored in a place.
+    /// The settings stored in a memory.
     fn stored(&self, place: u8) -> Result<Settings, QueuedError> {
         let kept = self.kept[usize::from(place)].clone();
         kept.ok_or(QueuedError::NOTHING_KEPT)
@@ -290,8 +292,8 @@ impl Simulator34980a {
         self.receive_from(Session::default(), line, at, wires)
     }
 
-    /// Receives one message of a session, and returns the response. When the response's time is over the session's next
-    /// message may be received; other sessions need not wait for that.
+    /// Receives one message of a session, and returns the response. The session's next message may be received when the
+    /// response's time is over; other sessions need not wait for that.
     pub fn receive_from(
         &mut self,
         session: Session,
@@ -318,7 +320,7 @@ impl Simulator34980a {
                 Ok(received) => received,
                 Err(refusal) => {
                     self.fail(refusal.into());
-                    // Commands after a command error are not parsed any more; those after an invalid value are.
+                    // commands after a command error are ignored; commands after an invalid value are executed
                     if refusal.code() > -200 {
                         break;
                     }
@@ -336,7 +338,8 @@ impl Simulator34980a {
             execution.replied |= !replies.is_empty();
         }
         let done = execution.now;
-        // Not up to `done`: the awaited event is still to come, and other sessions may send messages before it.
+        // time is not advanced to `done`: the awaited event is in the future, and other sessions may send messages
+        // before it
         self.pass(at, execution.wires);
         self.sessions.keep_busy(session, done);
         Response {
@@ -368,7 +371,7 @@ impl Simulator34980a {
         self.errors.push(error.code, error.text);
     }
 
-    /// Updates the status registers to this time.
+    /// Updates the status registers for this time.
     fn notice(&mut self, now: Duration) {
         let operation = &mut self.status.operation;
         operation.set(MEASURING, self.meter.is_measuring(now));

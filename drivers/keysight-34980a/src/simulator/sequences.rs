@@ -1,4 +1,4 @@
-//! Sequences of switching commands in non-volatile memory, and the running one (section 6).
+//! Sequences of switching commands in non-volatile memory, and the running sequence (section 6).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -15,7 +15,7 @@ const MOST: usize = 500;
 const LONGEST: usize = 1024;
 /// Deepest nesting of sequences.
 const DEEPEST: u32 = 4;
-/// Sequences that may wait for the running one. The sources give no number.
+/// Number of sequences that may wait for the running one; assumed, because the sources give no number.
 const MOST_WAITING: usize = 8;
 
 #[derive(Debug, Default)]
@@ -75,7 +75,7 @@ impl Sequences {
         names.join(",")
     }
 
-    /// Starts a sequence, or queues it behind the running one.
+    /// Starts a sequence, or queues it if one is running.
     pub(crate) fn run(&mut self, name: &str, now: Duration) -> Result<(), QueuedError> {
         let commands = self.find(name)?.0.clone();
         if self.is_running() {
@@ -90,7 +90,7 @@ impl Sequences {
         Ok(())
     }
 
-    /// Executes a sequence within the running one.
+    /// Inserts the commands of a sequence as the next steps of the running one.
     pub(crate) fn run_within(&mut self, name: &str, depth: u32) -> Result<(), QueuedError> {
         if depth >= DEEPEST {
             return Err(QueuedError::NESTED_TOO_DEEP);

@@ -1,4 +1,4 @@
-//! Several clients at once, and the exclusive lock (sections 1 and 10).
+//! Sessions of several clients, and the exclusive lock (sections 1 and 10).
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,14 +15,14 @@ pub struct Session(pub u32);
 #[derive(Debug, Default)]
 pub(crate) struct Sessions {
     names: BTreeMap<Session, String>,
-    /// The time until which the last message keeps each session busy.
+    /// Time until which each session is busy with its last message.
     busy: BTreeMap<Session, Duration>,
     /// The session that holds the lock, and the number of requests to release.
     lock: Option<(Session, u32)>,
 }
 
 impl Sessions {
-    /// The start of execution of a message: messages of one session follow one another.
+    /// The start of execution of a message: after the end of the session's previous message.
     pub(crate) fn start_execution(&self, session: Session, at: Duration) -> Duration {
         self.busy.get(&session).map_or(at, |busy| at.max(*busy))
     }
@@ -57,7 +57,7 @@ impl Sessions {
                             | Measure::Remove(_)
                     )
             }
-            // The session has no lock to release.
+            // without effect: the session has no lock to release
             Command::System(System::ReleaseLock) => false,
             Command::Functions(Functions::Measure(..)) => true,
             Command::Route(_)
@@ -129,7 +129,7 @@ impl Simulator34980a {
         self.notice(at);
     }
 
-    /// The status byte of a serial poll, at any time: without message available, which the session's server knows.
+    /// The status byte of a serial poll, at any time. Its message-available bit is 0; the session's server sets it.
     pub fn status_byte(&self) -> u8 {
         self.status.status_byte(!self.errors.is_empty(), false)
     }

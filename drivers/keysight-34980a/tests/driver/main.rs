@@ -1,5 +1,5 @@
-//! The driver against the simulator over a pipe: the same bytes as over TCP; the test's clock is paused and advances at
-//! once.
+//! The driver against the simulator over a pipe: the same bytes as over TCP. The clock of the tests is paused and
+//! advances at once.
 
 mod frames;
 mod moves;
@@ -25,12 +25,12 @@ struct TestInstrument {
     unit: Simulator34980a,
     sheet: Sheet,
     received: Vec<String>,
-    /// Faked replies, each to a message that ends with this text, or to such a query within a message. An empty text
-    /// means no reply.
+    /// Faked replies: the end of a message, or of a query within a message, and the reply to it. An empty reply means
+    /// no reply.
     fake_replies: Vec<(&'static str, &'static str)>,
 }
 
-/// The reply to a message of several queries, with the faked replies to single ones inserted.
+/// The reply to a message of several queries, with faked replies to single queries inserted.
 fn with_fake_replies(line: &str, answer: String, fake_replies: &[(&str, &str)]) -> String {
     let queries: Vec<&str> = line.split(";").filter(|one| one.contains('?')).collect();
     let mut answers: Vec<&str> = answer.split(';').collect();
@@ -119,7 +119,7 @@ impl Shared {
                             }
                         }
                     };
-                    // The instrument's own time; the test's clock is paused and advances at once.
+                    // the time that the instrument needs; the paused clock advances at once
                     tokio::time::sleep(busy).await;
                     if let Some(text) = text {
                         there

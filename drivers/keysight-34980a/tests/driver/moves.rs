@@ -1,4 +1,4 @@
-//! Identity, wiring checks, and relays that move or do not.
+//! Identity, checks of the wiring, and relay moves that succeed or fail.
 
 use super::*;
 
@@ -80,7 +80,7 @@ async fn other_models_are_refused_and_both_maker_names_accepted() {
         "34980A",
     ] {
         let shared = Shared::of(mainframe(&[]));
-        // In this test a blank is a reply and an empty text would be no reply.
+        // a faked reply of "" would mean no reply, so that an empty identity is sent as a blank
         let answer = if identity.is_empty() { " " } else { identity };
         shared.fake_reply("*IDN?", answer);
         let refusal = Keysight34980a::connect(shared.plug()).await.unwrap_err();

@@ -229,7 +229,7 @@ async fn settings_that_were_not_taken_are_named() {
     shared.no_fake_replies();
     assert!(matches!(unit.scan().await, Err(RigError::Unable { .. })));
     unit.prepare(METER, &scan).await.unwrap();
-    // Someone changes a setting at the front panel: the next preparation detects it.
+    // A setting that was changed at the front panel is detected by the next preparation.
     shared.say("VOLT:DC:RANG 1,(@1002)");
     assert!(matches!(
         unit.prepare(METER, &scan).await,

@@ -1,4 +1,4 @@
-//! A replacement for sheet and rig: records relay states, computes voltages by a rule.
+//! A test implementation of the wires: records relay states, and computes voltages by a rule.
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -8,8 +8,8 @@ use keysight_34980a::{MeterRequest, Module, Settings34980a, Simulator34980a, Wir
 use survey::{Relay, Volts};
 
 /// The voltage of a measuring channel is its own number times 1 mV plus 1 V for injecting pair 1, 2 V for pair 2, ...
-/// while exactly one injecting pair (a channel of bank 2 or of a source row) is closed. A bare reading sees the channel
-/// of a matrix row 1 or 5 that is closed together with relay 921.
+/// while exactly one injecting pair (a channel of bank 2 or of a source row) is closed. A reading of the bare voltmeter
+/// is that of the channel of matrix row 1 or 5 that is closed together with relay 921.
 #[derive(Debug, Default)]
 pub struct Sheet {
     pub closed: BTreeSet<Relay>,
@@ -71,7 +71,7 @@ pub fn mainframe(modules: &[&str]) -> Simulator34980a {
     })
 }
 
-/// The first slots with these modules in them; an empty name is an empty slot.
+/// Slots of which the first hold these modules; an empty name is an empty slot.
 pub fn mainframe_slots(modules: &[&str]) -> [Option<Module>; 8] {
     let mut slots = [None; 8];
     for (slot, module) in slots.iter_mut().zip(modules) {

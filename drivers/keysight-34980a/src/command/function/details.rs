@@ -36,16 +36,16 @@ pub(crate) enum ValueKind {
     Autozero,
     Range,
     Resolution,
-    /// Least, most, default.
+    /// Unit, and smallest, largest and default value.
     Number(Unit, [f64; 3]),
-    /// Rounded up to the next of these values; the default.
+    /// Rounded up to the next of these values; then the default.
     Step(Unit, &'static [f64], f64),
-    /// Exactly one of these; the default.
+    /// Exactly one of these values; then the default.
     OneOf(&'static [f64], f64),
     Words(&'static [(&'static str, &'static str)], &'static str),
 }
 
-/// Notation after the function's, short form, functions that have the setting, its values.
+/// The setting, its notation after that of the function, its short form, the functions that have it, its values.
 pub(super) type Row = (
     Detail,
     &'static str,
@@ -87,7 +87,7 @@ pub(super) const ROWS: &[Row] = &[
     (Detail::Degrees, "", "UNIT:TEMP", is_temperature, ValueKind::Words(DEGREES, "C")),
 ];
 
-/// Functions that integrate. DC volts are not among them: they have their own rows.
+/// Whether the function integrates and is not DC volts, which have rows of their own.
 fn integrates_too(function: Function) -> bool {
     function.integrates() && function != Function::DcVolts
 }
@@ -147,7 +147,7 @@ pub(super) fn value_of(
         ValueKind::Step(unit, steps, default) => {
             let [least, most] = [steps[0], steps[steps.len() - 1]];
             let requested = value.number(unit)?.within(least, most, default)?;
-            // The bandwidth argument is the lowest expected frequency: the filter must reach down to it.
+            // The bandwidth argument is the lowest expected frequency: the filter must include it.
             let found = match unit {
                 Unit::Hertz => steps.iter().rev().find(|step| **step <= requested),
                 _ => steps.iter().find(|step| requested <= **step),
@@ -169,7 +169,7 @@ pub(super) fn value_of(
     })
 }
 
-/// The type of a transducer: a letter, or one of its numbers.
+/// Reads the type of a transducer: a letter for a thermocouple, otherwise a number.
 pub(super) fn kind_of(probe: &str, kind: &Argument) -> Result<&'static str, ParseError> {
     let value_kind = match probe {
         "TC" => ValueKind::Words(COUPLES, "J"),

@@ -1,7 +1,7 @@
 //! Functions of the voltmeter other than DC volts: the rest of the manual's CONFigure, MEASure and SENSe pages.
 //!
 //! Each function keeps its own settings on every channel; 2-wire and 4-wire resistance share theirs, as the manual
-//! states. A setting of a function does not select that function: `CONF`, `MEAS?` and `FUNC` do.
+//! states. Changing a setting of a function does not select the function; only `CONF`, `MEAS?` and `FUNC` do.
 
 mod details;
 
@@ -47,13 +47,13 @@ pub enum Function {
 pub enum Detail {
     /// The range; for a frequency or period the range of its voltage.
     Range,
-    /// Let the instrument choose the range.
+    /// Whether the instrument selects the range.
     RangeAuto,
     /// Integration time, power-line cycles.
     Nplc,
     /// Integration time, s; for a frequency or period the gate time.
     Aperture,
-    /// Integrate over the aperture, or over power-line cycles.
+    /// Whether the aperture is the integration time, instead of the power-line cycles.
     ApertureEnabled,
     /// Resolution in the function's unit.
     Resolution,
@@ -75,7 +75,7 @@ pub enum Detail {
     CoupleCheck,
     /// Temperature coefficient of a 2-wire RTD: 85 for 0.00385, 91 for 0.00391.
     Rtd,
-    /// Its resistance at 0 degrees Celsius, ohm.
+    /// Resistance of a 2-wire RTD at 0 degrees Celsius, ohm.
     RtdOhms,
     /// Offset compensation of a 2-wire RTD: measure a second time without the test current.
     RtdCompensated,
@@ -105,28 +105,28 @@ pub enum SettingValue {
 pub struct MeasurementRequest {
     /// The function; never DC volts.
     pub function: Function,
-    /// Its range; [`Range::Auto`] for frequency, period and temperature, whose range cannot be set here.
+    /// The range; [`Range::Auto`] for frequency, period and temperature, whose range is not a parameter of CONF.
     pub range: Range,
-    /// Its resolution in the function's unit.
+    /// The resolution in the function's unit.
     pub resolution: Option<Numeric>,
-    /// For a temperature: transducer and its type.
+    /// For a temperature: the transducer and its type.
     pub probe: Option<(&'static str, &'static str)>,
 }
 
-/// Configuration and measurement with any function; without a list for the internal voltmeter.
+/// Configuration and measurement with any function; without a channel list for the internal voltmeter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Functions {
     /// Select a function, set it to its defaults, and make the list the scan list.
     Configure(MeasurementRequest, Channels),
-    /// The same, followed by a measurement; the reply has all readings.
+    /// As [`Functions::Configure`], followed by a measurement; the reply has all readings.
     Measure(MeasurementRequest, Channels),
-    /// Select a function; its settings stay.
+    /// Select a function; its settings stay as they are.
     Select(Function, Channels),
     /// Read the selected function.
     Selected(Channels),
     /// Change a setting.
     Set(Function, Detail, SettingValue, Channels),
-    /// Read a setting, or a limit of it.
+    /// Read a setting, or its smallest, largest or default value.
     Ask(Function, Detail, Option<Numeric>, Channels),
 }
 
@@ -149,7 +149,7 @@ const AMPS: &[f64] = &[0.01, 0.1, 1.0];
 pub(crate) const FREQUENCIES: [f64; 2] = [3.0, 300e3];
 
 impl Function {
-    /// All of them.
+    /// All functions.
     pub const ALL: [Self; 9] = [
         Self::DcVolts,
         Self::AcVolts,
@@ -192,7 +192,7 @@ impl Function {
         self.row().2
     }
 
-    /// Its ranges, in its unit; volts for frequency and period, none for temperature.
+    /// The ranges, in the function's unit; volts for frequency and period, none for temperature.
     pub fn ranges(self) -> &'static [f64] {
         self.row().3
     }
@@ -202,7 +202,7 @@ impl Function {
         self.row().5
     }
 
-    /// Whether its readings integrate a direct voltage or current.
+    /// Whether a reading integrates a direct voltage or current.
     pub(crate) fn integrates(self) -> bool {
         use Function::{DcCurrent, DcVolts, FourWire, Resistance, Temperature};
         matches!(
@@ -270,7 +270,7 @@ pub(super) fn rows(table: &mut Table) {
     });
 }
 
-/// The function of a string such as `"VOLT:AC"`, long or short.
+/// Parses the name of a function such as `"VOLT:AC"`, in long or short form.
 fn named(text: &str) -> Result<Function, ParseError> {
     let text = text.strip_prefix("SENS:").unwrap_or(text);
     let call = scpi::parse_message(text).into_iter().next();
@@ -311,7 +311,7 @@ fn request(function: Function, call: &Call) -> Result<(MeasurementRequest, Chann
     };
     if let Some(expected) = expected {
         match function {
-            // The instrument selects the value; a 1 is the placeholder.
+            // the instrument ignores this value; clients send a 1
             Function::Temperature => drop(expected.number(Unit::None)?),
             Function::Frequency => {
                 let [least, most] = FREQUENCIES;

@@ -18,18 +18,18 @@ pub(super) struct Unit<S> {
     pub(super) conversation: Conversation<S>,
     /// Relay moves deferred to the next query.
     pub(super) held: Vec<Command>,
-    /// Moves were sent and their errors not yet queried.
+    /// Moves were sent, and the error queue has not been queried since.
     pub(super) unchecked: bool,
     pub(super) prepared: Option<Prepared>,
-    /// Range of each channel as last set; that of the bare voltmeter under `None`. Empty: not known.
+    /// Range of each channel as last set; that of the bare voltmeter under `None`. Empty if not known.
     ranges: BTreeMap<Option<Relay>, f64>,
-    /// Delay of each channel whose delay differs from the common one.
+    /// Delay of each channel that was set individually; the others have the common delay.
     delays: BTreeMap<Relay, Duration>,
     /// The scan list as last set, ascending.
     listed: Vec<Relay>,
-    /// A measurement failed: all settings must be sent again.
+    /// Whether a measurement failed; all settings must then be sent again.
     doubted: bool,
-    /// `*RST` is sent once, before the first preparation.
+    /// Whether `*RST` has been sent; it is sent once, before the first preparation.
     reset: bool,
     /// For settings with two forms of header: the form that the instrument has accepted.
     pub(super) headers: BTreeMap<Quantity, HeaderForm>,
@@ -38,7 +38,7 @@ pub(super) struct Unit<S> {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Prepared {
     pub(super) meter: MeterSettings,
-    /// In the requested order. The instrument scans in ascending order.
+    /// The scan list in the requested order; the instrument scans in ascending order.
     pub(super) scan: Vec<Relay>,
     pub(super) deadline: Duration,
 }
@@ -97,14 +97,14 @@ impl<S: Stream> Unit<S> {
         self.conversation.send_within(&commands, deadline).await
     }
 
-    /// The deferred moves are taken out: after a fault they must not be made at a later time.
+    /// Takes the deferred moves and appends these commands. After a fault the deferred moves must not be sent later.
     fn with_held(&mut self, commands: Vec<Command>) -> Vec<Command> {
         let mut all = std::mem::take(&mut self.held);
         all.extend(commands);
         all
     }
 
-    /// Sends several queries in one message, none of whose replies contains a semicolon; returns a reply for each.
+    /// Sends several queries in one message, and returns a reply for each. No reply may contain a semicolon.
     async fn ask_all(&mut self, queries: Vec<Command>) -> Result<Replies, RigError> {
         let count = queries.len();
         let replies = self
@@ -138,7 +138,7 @@ impl<S: Stream> Unit<S> {
     }
 }
 
-/// The list in its order, with runs of neighbours as ranges.
+/// The channel list of relays in their order, with consecutive numbers as ranges.
 pub(super) fn compact(relays: &[Relay]) -> ChannelList {
     let mut entries: Vec<ChannelEntry> = Vec::new();
     for Relay(number) in relays.iter().copied() {

@@ -9,7 +9,7 @@ use survey::{Reading, Relay, Volts};
 use super::{Prepared, Unit, compact};
 use crate::command::{Command, Measure, Route};
 
-/// Overrange of the voltmeter as a factor of the range, with a margin for the last digit.
+/// Largest reading as a factor of the range, with a margin for the last digit.
 const OVERRANGE: f64 = crate::OVERRANGE * (1.0 + 1e-6);
 
 impl<S: Stream> Unit<S> {
@@ -44,7 +44,7 @@ impl<S: Stream> Unit<S> {
         let answers = self.measure(commands, 1, count * sweeps, deadline).await?;
         Ok(samples
             .iter()
-            // Every requested relay is in its sorted copy, whose length each sweep has.
+            // every requested relay is in the sorted copy, and each sweep has one value for each of them
             .filter_map(|sample| Some((sample, ascending.binary_search(&sample.relay).ok()?)))
             .map(|(sample, place)| {
                 let each: Vec<Reading> = (0..sweeps)
@@ -82,8 +82,8 @@ impl<S: Stream> Unit<S> {
             .collect())
     }
 
-    /// Sends commands with this number of READ? among them, each of which returns a fixed number of values, and a query
-    /// of the error queue in the same message.
+    /// Sends commands that contain `queries` READ?, each of which returns `numbers` values, with a query of the error
+    /// queue in the same message.
     pub(super) async fn measure(
         &mut self,
         commands: Vec<Command>,
@@ -110,9 +110,10 @@ impl<S: Stream> Unit<S> {
         Ok(answers)
     }
 
-    /// The error of a message of many commands: empties the queue, and names the command if it can be found.
+    /// The error for a rejected message of several commands. Empties the error queue, and names the rejected command if
+    /// it can be found.
     async fn refused_message(&mut self, sent: Vec<Command>, replies: Replies) -> RigError {
-        // Whatever else fails now, the first error is the one to report.
+        // the first error is reported, even if reading further errors fails
         let _ = self.conversation.drain_errors().await;
         self.unchecked = false;
         let culprit = match sent.as_slice() {
@@ -126,7 +127,7 @@ impl<S: Stream> Unit<S> {
         self.conversation.refused(command, replies.error)
     }
 
-    /// Parses exactly this number of values. With another count the values cannot be assigned to channels.
+    /// Parses exactly `count` values; another number of values could not be assigned to channels.
     pub(in crate::driver) fn numbers(
         &self,
         message: &str,
@@ -143,7 +144,7 @@ impl<S: Stream> Unit<S> {
     }
 }
 
-/// The reading for a number on its range. A number that a sound voltmeter cannot return is not a voltage.
+/// Converts a number to a reading on its range. A number beyond the overrange is an overload, not a voltage.
 fn reading(answer: &Answer, range: Volts) -> Reading {
     match answer {
         Answer::Value(volts) if volts.abs() <= range.0 * OVERRANGE => Reading::Ok(Volts(*volts)),

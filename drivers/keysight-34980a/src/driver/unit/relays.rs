@@ -36,7 +36,7 @@ impl<S: Stream> Unit<S> {
         let replies = self.send(message, deadline).await?;
         let unchecked = std::mem::take(&mut self.unchecked);
         if replies.error.code != 0 {
-            // A relay that is still closed is worse than a rejected command.
+            // relays that are still closed are reported rather than the rejected command
             self.conversation.drain_errors().await.ok();
             let closed = self.read_closed(relays).await?;
             self.conversation.check_open(relays, &closed)?;
@@ -87,7 +87,7 @@ impl<S: Stream> Unit<S> {
         self.states(&message, &answer, relays.len())
     }
 
-    /// The relay move among these that the relay states do not show.
+    /// The command among these whose relay moves are not in the relay states read back.
     pub(super) async fn move_not_made(&mut self, sent: &[Command]) -> Option<String> {
         let mut meant: BTreeMap<Relay, (bool, &Command)> = BTreeMap::new();
         for command in sent {

@@ -1,4 +1,4 @@
-//! The voltmeter's settings: sent where they differ, read back every frame.
+//! The voltmeter's settings: only changed ones are sent; all are read back in every frame.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::command::{
 const UNDEFINED_HEADER: i32 = -113;
 
 impl<S: Stream> Unit<S> {
-    /// Sends all settings, or only those that the last frame left different.
+    /// Sends all settings, or after a preparation with the same settings only those that the last frame changed.
     pub(in crate::driver) async fn bring_to(
         &mut self,
         requested: &Prepared,
@@ -92,7 +92,7 @@ impl<S: Stream> Unit<S> {
     }
 
     /// Sends a setting with the documented header and, if that is undefined, with the 34970A's; stores and logs the
-    /// accepted form. A command error ends its message, so that the error queue is read by a separate message.
+    /// accepted form. The error queue is read by a separate message, because a command error ends its message.
     async fn set_by_accepted_header(
         &mut self,
         setting: Setting,
@@ -190,7 +190,7 @@ impl<S: Stream> Unit<S> {
                 return Err(self.conversation.mismatch(setting, set[place], answer));
             }
         }
-        // One reply for each query.
+        // the scan list is the last reply
         let answer = answers.last().map_or("", String::as_str);
         let meant = ChannelList::of(requested.ascending().iter().map(|relay| relay.0));
         let read = scpi::parse_block(answer.as_bytes())
@@ -234,8 +234,8 @@ impl<S: Stream> Unit<S> {
         relays.map(|relay| of(relay).as_secs_f64()).collect()
     }
 
-    /// The commands for channels whose delay differs: the common delay and the channel's own wait, whole milliseconds
-    /// (section 5).
+    /// The commands for channels whose delay changes. A delay is the common delay plus the channel's own wait, rounded
+    /// up to whole milliseconds (section 5).
     pub(super) fn change_delays(&mut self, samples: &[Sample], all: Duration) -> Vec<Command> {
         let mut changed = Vec::new();
         for sample in samples {
@@ -247,7 +247,7 @@ impl<S: Stream> Unit<S> {
         delays(changed)
     }
 
-    /// The commands for channels whose range differs.
+    /// The commands for channels whose range changes.
     pub(super) fn change_ranges(&mut self, requested: &[(Option<Relay>, Volts)]) -> Vec<Command> {
         let mut groups: Vec<(f64, Vec<Relay>)> = Vec::new();
         for (place, Volts(range)) in requested.iter().copied() {
@@ -271,12 +271,12 @@ impl<S: Stream> Unit<S> {
     }
 }
 
-/// Rounded up: a wait is never shorter than requested.
+/// Rounds up to whole milliseconds, so that a wait is never shorter than requested.
 fn whole_milliseconds(wait: Duration) -> Duration {
     Duration::from_millis(wait.as_nanos().div_ceil(1_000_000) as u64)
 }
 
-/// The commands that set delays: one for all relays with the same delay.
+/// The commands that set delays, one for each different delay.
 fn delays(requested: impl IntoIterator<Item = (Relay, Duration)>) -> Vec<Command> {
     let mut groups: BTreeMap<Duration, Vec<Relay>> = BTreeMap::new();
     for (relay, delay) in requested {

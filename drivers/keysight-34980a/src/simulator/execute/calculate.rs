@@ -67,7 +67,7 @@ impl Simulator34980a {
         Ok(None)
     }
 
-    /// The oldest alarm: its reading with every field, and its number; zeros if there is none.
+    /// Removes the oldest alarm and returns its reading with every field, and its number; zeros if there is none.
     fn next_alarm(&mut self) -> String {
         let alarm = self.alarms.pop_front();
         self.status.alarm.set(QUEUE_FILLED, !self.alarms.is_empty());

@@ -41,7 +41,7 @@ impl Simulator34980a {
         Ok(None)
     }
 
-    /// A setting takes time for each of its channels.
+    /// Latches the configuration event, and adds the time that a setting takes for each of its channels.
     fn configured(&mut self, channels: usize, execution: &mut Execution<'_>) {
         self.status.operation.latch(CONFIGURATION_CHANGED);
         let channels = u32::try_from(channels).unwrap_or(u32::MAX);
@@ -207,7 +207,7 @@ impl Simulator34980a {
         Ok(None)
     }
 
-    /// The last reading of one channel, or of the voltmeter alone, with every field and the time of day; zeros if there
+    /// The last reading of one channel, or of the bare voltmeter, with every field and the time of day; zeros if there
     /// is none (help: DATA:LAST?).
     fn last_reading(&self, channel: Option<&ChannelList>, execution: &Execution<'_>) -> Reply {
         let channel = match channel {
@@ -225,7 +225,7 @@ impl Simulator34980a {
         ))
     }
 
-    /// The readings of MEAS?.
+    /// Takes and returns the readings of MEAS?.
     fn read_once(&mut self, scans: bool, execution: &mut Execution<'_>) -> Reply {
         let meter = &mut self.meter;
         let end = meter.read_once(scans, execution.now, &mut self.relays, execution.wires)?;

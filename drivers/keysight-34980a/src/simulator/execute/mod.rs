@@ -1,4 +1,4 @@
-//! Execution of each command. Every match is exhaustive: a new command does not compile until it is handled.
+//! Execution of each command. Every match is exhaustive, so that a new command does not compile until it is handled.
 
 mod calculate;
 mod measure;
@@ -18,9 +18,9 @@ use crate::simulator::{Session, Simulator34980a, Wires};
 pub(crate) struct Execution<'a> {
     pub(super) session: Session,
     pub(super) now: Duration,
-    /// An earlier query of this message has a reply.
+    /// Whether an earlier query of this message has a reply.
     pub(super) replied: bool,
-    /// The command is the last of its message.
+    /// Whether the command is the last of its message.
     pub(super) last: bool,
     /// Nesting depth of sequences; 0 outside.
     pub(super) depth: u32,
@@ -250,7 +250,8 @@ impl Simulator34980a {
         Ok(Some(join(states)))
     }
 
-    /// Relays are moving; unless commands may overlap, the next one waits until they have settled.
+    /// Starts the settling time of moved relays. Unless commands may overlap, the next command waits until they have
+    /// settled.
     fn moved(&mut self, moves: MoveTimes, execution: &mut Execution<'_>) {
         let settled = self.relays.settle(moves, execution.now);
         self.relays.tell(settled, execution.wires);
@@ -276,7 +277,7 @@ impl Simulator34980a {
         Ok(())
     }
 
-    /// Without overlap commands are executed one after the other; those of a sequence come before those that follow it.
+    /// Without overlap, executes the commands of a running sequence before a command that follows the sequence.
     fn wait_for_sequence(&mut self, execution: &mut Execution<'_>) {
         if execution.depth == 0 && !self.overlap {
             self.end_sequence(execution);
@@ -301,7 +302,7 @@ impl Simulator34980a {
     }
 }
 
-/// A definite block.
+/// Formats a text as a definite block.
 fn block(text: &str) -> String {
     let block = scpi::format_block(text.as_bytes());
     String::from_utf8_lossy(&block).into_owned()

@@ -1,13 +1,13 @@
-//! What is computed from one reading: scaling and limits (help pages CALCulate:SCALe, CALCulate:LIMit).
+//! Computations on one reading: scaling and limits (help pages CALCulate:SCALe, CALCulate:LIMit).
 
 use crate::command::{LARGEST, Limit};
 
 /// The unit of a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Mark {
-    /// That of the function.
+    /// The unit of the function.
     Function(&'static str),
-    /// At most three ASCII characters; the rest are blank.
+    /// A custom unit of at most three ASCII characters, padded with blanks.
     Custom([u8; 3]),
 }
 
@@ -50,7 +50,7 @@ impl Default for Scale {
 }
 
 impl Scale {
-    /// The scaled reading with its unit. An overload stays one.
+    /// The scaled reading with its unit. An overload stays an overload.
     pub(crate) fn applied(&self, value: f64, mark: Mark) -> (f64, Mark) {
         match self.on {
             true if value.is_finite() => {
@@ -111,7 +111,7 @@ impl Limits {
         self.on[limit as usize] = on;
     }
 
-    /// The limit that a reading exceeds.
+    /// The limit that a reading exceeds, if any.
     pub(crate) fn exceeded(&self, value: f64) -> Option<Limit> {
         if self.is_on(Limit::Lower) && value < self.lower {
             Some(Limit::Lower)

@@ -1,7 +1,7 @@
-//! Replies to READ? that are completed when their readings have been taken, each at its own instant.
+//! Replies to READ? and MEAS? that are completed when their readings have been taken, each at its own instant.
 //!
-//! [`Simulator34980a::receive_from`] computes the reply at once and takes readings ahead of their time: changes
-//! elsewhere in the rig in the meantime are not in them. A real-time server lets a message begin, waits, and fetches
+//! [`Simulator34980a::receive_from`] computes the reply at once and takes its readings ahead of their time, so that
+//! they do not contain changes of the rig in the meantime. A real-time server begins a message, waits, and then fetches
 //! the reply.
 
 use std::time::Duration;
@@ -12,7 +12,7 @@ use crate::simulator::{Response, Session, Simulator34980a, Wires};
 #[derive(Debug)]
 pub(crate) struct Deferred {
     session: Session,
-    /// Replies of the message's other queries.
+    /// Replies to the other queries of the message.
     before: Option<String>,
     end: Duration,
     /// The readings, once they have been taken.
@@ -55,7 +55,7 @@ impl Simulator34980a {
         if deferred.session != session {
             return None;
         }
-        // An aborted measurement has its readings before its time.
+        // the readings of an aborted measurement exist before its end
         if deferred.readings.is_none() {
             self.pass(at.max(deferred.end), wires);
         }
@@ -67,13 +67,14 @@ impl Simulator34980a {
         (!text.is_empty()).then_some(text)
     }
 
-    /// Whether the readings of the reply that a session waits for are there: another session may have aborted them.
+    /// Whether the readings of the reply that a session waits for have been taken, also because another session has
+    /// aborted the measurement.
     pub fn has_readings_for(&self, session: Session) -> bool {
         let mut deferred = self.deferred.iter();
         deferred.any(|deferred| deferred.session == session && deferred.readings.is_some())
     }
 
-    /// A measurement has begun whose readings form the reply.
+    /// Stores that a measurement has begun whose readings form the reply.
     pub(crate) fn defer(&mut self, session: Session, end: Duration) {
         self.deferred = Some(Deferred {
             session,
@@ -94,7 +95,7 @@ impl Simulator34980a {
         }
     }
 
-    /// A session whose measurement was aborted need not wait any more.
+    /// Ends the waiting of a session whose measurement was aborted.
     pub(crate) fn free_deferred(&mut self) {
         let aborted = self.deferred.as_ref().filter(|it| it.readings.is_some());
         if let Some(aborted) = aborted {

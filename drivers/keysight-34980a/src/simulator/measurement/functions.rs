@@ -1,9 +1,9 @@
 //! Functions other than DC volts: settings of a channel, time of a reading, and the value of a reading.
 //!
 //! A resistance is the voltage at the voltmeter's terminals, or on bus 2, while its test current flows, divided by that
-//! current: the circuit's own voltages are included, unless offset compensation removes them. Nothing is connected to a
-//! current input here, so that currents are zero. Test currents, automatic delays and the reading of a counter without
-//! a signal are those of the similar 34970A: known, but not in the fact sheet.
+//! current: the circuit's own voltages are included, unless offset compensation removes them. Nothing is connected to
+//! the current inputs, so that currents are zero. Test currents, automatic delays and the reading of a counter without
+//! a signal are those of the similar 34970A; they are not in the fact sheet.
 
 use std::time::Duration;
 
@@ -48,7 +48,7 @@ pub(crate) struct FunctionSettings {
 }
 
 impl FunctionSettings {
-    /// As after `*RST`.
+    /// The settings after `*RST`.
     pub(crate) fn new(function: Function) -> Self {
         let counts = matches!(function, Function::Frequency | Function::Period);
         Self {
@@ -106,7 +106,7 @@ impl FunctionSettings {
         value_kind(self.function, detail).is_some()
     }
 
-    /// Whether the voltage is sensed on bus 2 through a channel's partner in the other bank.
+    /// Whether the voltage is sensed on bus 2, through the channel's partner in the other bank.
     pub(crate) fn four_wire(&self) -> bool {
         match self.function {
             Function::FourWire => true,
@@ -115,7 +115,7 @@ impl FunctionSettings {
         }
     }
 
-    /// The unit behind a reading.
+    /// The unit that follows a reading.
     pub(crate) fn mark(&self) -> &'static str {
         match self.function {
             Function::Temperature => self.degrees,
@@ -139,7 +139,7 @@ impl FunctionSettings {
                 self.aperture_enabled = false;
             }
             (Detail::Aperture, SettingValue::Number(seconds)) => {
-                // Integrating functions: in steps of 4 us from the shortest.
+                // Integrating functions store steps of 4 us.
                 self.aperture = (seconds / 4e-6).round() * 4.0 / 1e6;
                 self.aperture_enabled = self.function.integrates();
             }
@@ -161,7 +161,7 @@ impl FunctionSettings {
             (Detail::RtdCompensated, SettingValue::Switch(on)) => self.rtd_compensated = on,
             (Detail::Thermistor, SettingValue::Number(kind)) => self.thermistor = kind,
             (Detail::Degrees, SettingValue::Word(degrees)) => self.degrees = degrees,
-            // Autozero belongs to the channel, whatever it measures; the grammar allows no other pair.
+            // autozero is a setting of the channel, not of a function; the grammar yields no other combination
             _ => return Err(ParseError::SettingsConflict.into()),
         }
         Ok(())
@@ -206,7 +206,7 @@ impl FunctionSettings {
             Detail::Couple => return word(self.couple),
             Detail::JunctionSource => return word(self.junction_source),
             Detail::Degrees => return word(self.degrees),
-            // The channel replies to this query.
+            // autozero is a setting of the channel, which replies to this query
             Detail::Autozero => return Err(ParseError::SettingsConflict.into()),
             Detail::Range => self.fixed_range(),
             Detail::Nplc => self.nplc,
@@ -350,7 +350,8 @@ impl FunctionSettings {
         }
     }
 
-    /// The value on the fixed range, or on the smallest range that holds the value of the widest.
+    /// The value measured on the fixed range; with autorange on the smallest range that holds the value measured on the
+    /// largest.
     fn ranged(&self, mut measure: impl FnMut(f64) -> f64) -> f64 {
         let mut on = |range: f64| over(measure(range), range * OVER_RANGE);
         match self.range {

@@ -13,11 +13,11 @@ use crate::simulator::measurement::computation::Mark;
 /// One reading.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Stored {
-    /// Infinite for an overload.
+    /// The value; infinite for an overload.
     pub(crate) value: f64,
     /// Its unit.
     pub(crate) mark: Mark,
-    /// Since the start of the scan.
+    /// Time since the start of the scan.
     pub(crate) since: Duration,
     pub(crate) at: Duration,
     pub(crate) channel: Option<Relay>,
@@ -64,13 +64,13 @@ impl Summary {
     }
 }
 
-/// Readings in the order of their time. Those of a READ? are stored before their time has come.
+/// Readings in the order of their time. The readings of a READ? are stored ahead of their time.
 #[derive(Debug)]
 pub(crate) struct Memory {
     readings: VecDeque<Stored>,
     most: usize,
     overflown: bool,
-    /// The last reading of each channel that was removed.
+    /// The last removed reading of each channel.
     taken: BTreeMap<Option<Relay>, Stored>,
     /// Statistics of the removed readings of each channel since the start of the measurement.
     removed: BTreeMap<Option<Relay>, Summary>,
@@ -90,12 +90,12 @@ impl Memory {
         }
     }
 
-    /// Capacity.
+    /// Capacity, readings.
     pub(crate) fn most(&self) -> usize {
         self.most
     }
 
-    /// Adds a reading; a full memory drops the oldest.
+    /// Adds a reading; if the memory is full, the oldest is dropped.
     pub(crate) fn push(&mut self, reading: Stored) {
         if self.readings.len() == self.most {
             if let Some(oldest) = self.readings.pop_front() {
@@ -172,7 +172,7 @@ impl Memory {
         of_channel.next().or_else(|| self.taken.get(&channel))
     }
 
-    /// Removes the oldest readings, at most those that exist.
+    /// Removes and returns up to `count` of the oldest readings.
     pub(crate) fn take(&mut self, count: usize, now: Duration) -> Vec<Stored> {
         let count = count.min(self.points(now));
         let taken: Vec<Stored> = self.readings.drain(..count).collect();

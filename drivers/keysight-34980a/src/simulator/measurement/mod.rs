@@ -1,4 +1,4 @@
-//! The internal voltmeter and its measurements (fact sheet, section 5). Relays and status belong to the mainframe.
+//! The internal voltmeter and its measurements (fact sheet, section 5). Relays and status are part of the mainframe.
 
 pub(crate) mod computation;
 pub(crate) mod deferred;

@@ -16,14 +16,14 @@ use crate::simulator::{
     Wires,
 };
 
-/// One channel of a sweep; without a number the bare voltmeter.
+/// One reading of a sweep: of a channel, or without a channel of the bare voltmeter.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ScanEntry {
     pub(crate) channel: Option<Relay>,
     pub(crate) measured: Measured,
     pub(crate) period: Duration,
     pub(crate) nplc: f64,
-    /// A further sample of the same channel: its relays stay as they are.
+    /// Whether this is a further sample of the same channel; its relays then stay as they are.
     pub(crate) again: bool,
     pub(crate) scale: Scale,
     pub(crate) limits: Limits,
@@ -36,7 +36,7 @@ pub(crate) struct ScanEntry {
 pub(crate) enum Measured {
     /// DC volts on a range.
     Volts(Range),
-    /// Anything else.
+    /// Another function.
     Other(FunctionSettings),
 }
 
@@ -52,7 +52,7 @@ impl Measured {
         matches!(self, Self::Other(settings) if settings.four_wire())
     }
 
-    /// The questionable bit of an overload.
+    /// The bit of an overload in the questionable register.
     fn overload(&self) -> u8 {
         match self {
             Self::Volts(_) => VOLTAGE_OVERLOAD,
@@ -103,7 +103,7 @@ pub(crate) struct Run {
     entries: Vec<ScanEntry>,
     start: Duration,
     pace: SweepStart,
-    /// `None`: until it is stopped.
+    /// Number of sweeps; `None`: until the measurement is stopped.
     sweeps: Option<u32>,
     done: u32,
     phase: Phase,
@@ -112,7 +112,7 @@ pub(crate) struct Run {
 }
 
 impl Run {
-    /// A measurement that begins now. There is at least one stop.
+    /// A measurement that begins now. `entries` must not be empty.
     pub(crate) fn new(
         entries: Vec<ScanEntry>,
         pace: SweepStart,
@@ -145,7 +145,7 @@ impl Run {
     pub(crate) fn trigger(&mut self, now: Duration) -> bool {
         let waits = self.is_waiting();
         if waits {
-            // Another session's trigger may arrive before a busy session has begun to wait by the instrument's clock.
+            // a trigger of another session may arrive before the start of the measurement by the instrument's clock
             self.phase = Phase::Due(0, now.max(self.start));
         }
         waits
@@ -188,7 +188,7 @@ impl Run {
         if after == 0 {
             return Some(ended);
         }
-        // Sweeps follow one another without a gap, or by the timer: whichever takes longer.
+        // sweeps follow one another without a gap or by the timer, whichever takes longer
         let second = self.next_sweep(ended, self.done + 1);
         let in_a_row = second + self.sweep_time() * (after - 1);
         Some(self.next_sweep(in_a_row, self.done + after) + self.sweep_time())
@@ -286,13 +286,14 @@ impl Run {
         reading.exceeded.is_some() && before != reading.exceeded
     }
 
-    /// Skips sweeps whose readings would be overwritten before they could be read: after a long time without calls only
-    /// as many sweeps are measured as the memory holds. Returns the start of the next sweep to be measured.
+    /// Skips sweeps whose readings would be overwritten before they could be read. After a long time without calls,
+    /// only about as many sweeps are measured as the memory holds. Returns the start of the next sweep to be measured.
     ///
-    /// Number and times of sweeps, readings in memory, overflow and closures of relays are those of a scan without
-    /// skipped sweeps. Noise is drawn for measured readings only, and limits, overloads and statistics concern these: the
-    /// same calls at the same times give the same bits, a call in between may give others. The first sweep is never
-    /// skipped, so what exceeds a limit from the beginning raises its alarm then.
+    /// Number and times of sweeps, number of readings in memory, overflow and closures of relays are those of a scan
+    /// without skipped sweeps. Noise is drawn for measured readings only, and only these count for limits, overloads
+    /// and statistics: the same calls at the same times give the same bits, but an additional call in between may give
+    /// other bits. The first sweep is never skipped, so that a reading that exceeds a limit from the beginning raises
+    /// its alarm in it.
     fn skip(
         &mut self,
         at: Duration,
@@ -321,7 +322,7 @@ impl Run {
                 };
                 let joined = relays.of_reading(channel, entry.measured.four_wire());
                 relays.count_skipped(joined, skipped);
-                // The wires see a bus relay move only if the reading before did not need it.
+                // a relay that the reading before also needs does not move
                 let moved = joined.into_iter().flatten();
                 let moved = moved.filter(|relay| !before.contains(&Some(*relay)));
                 wires.skipped(&moved.collect::<Vec<_>>(), skipped, next);

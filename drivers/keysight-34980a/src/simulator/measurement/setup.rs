@@ -1,4 +1,4 @@
-//! Settings of one channel, and what follows from them: integration, delay, time, resolution (section 5).
+//! Settings of one channel, and the integration, delay, time and resolution that result from them (section 5).
 
 use std::time::Duration;
 
@@ -27,13 +27,13 @@ pub(crate) struct Timing {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Setup {
     pub(crate) function: Function,
-    /// For DC volts, like all further fields except delay and autozero.
+    /// The range for DC volts. All further fields except delay and autozero are also for DC volts.
     pub(crate) range: Range,
     nplc: f64,
-    /// s.
+    /// Integration time, s; used if `aperture_enabled`.
     aperture: f64,
     aperture_enabled: bool,
-    /// `None`: automatic.
+    /// Delay before a scanned reading, s; `None`: automatic.
     delay: Option<f64>,
     autozero: bool,
     input_auto: bool,
@@ -73,8 +73,8 @@ impl Setup {
         Ok(setup)
     }
 
-    /// The instrument switches autozero off if the integration time is set below one power-line cycle (section 5);
-    /// returns whether it is below.
+    /// Switches autozero off if the integration time is set below one power-line cycle, as the instrument does
+    /// (section 5); returns whether it is below.
     pub(crate) fn without_zero_below_a_cycle(&mut self, cycles: f64) -> bool {
         let below = cycles < 1.0;
         self.autozero &= !below;
@@ -95,7 +95,7 @@ impl Setup {
         }
     }
 
-    /// For DC volts: 1 ms of delay up to 1 cycle, 2 ms above.
+    /// The times of a DC voltage reading: automatic delay of 1 ms up to 1 cycle, 2 ms above.
     pub(crate) fn timing(&self, line_hz: f64) -> Timing {
         let cycles = self.cycles(line_hz);
         Timing {
@@ -129,7 +129,7 @@ impl Setup {
         survey::duration(seconds)
     }
 
-    /// `timing` is that of the channel's function.
+    /// Changes one setting. `timing` is that of the channel's function.
     pub(crate) fn change(
         &mut self,
         setting: Setting,
@@ -139,7 +139,7 @@ impl Setup {
         match setting {
             Setting::Range(range) => self.range = range,
             Setting::RangeAuto(true) => self.range = Range::Auto,
-            // The range in use is not known before a measurement; the widest loses nothing.
+            // the range in use is not known before a measurement; no reading overflows the largest one
             Setting::RangeAuto(false) => self.range = Range::Fixed(self.fixed_range()),
             Setting::Nplc(nplc) => {
                 self.nplc = nplc;
@@ -234,7 +234,7 @@ fn yes_no(yes: bool, limit: Option<Numeric>) -> Result<String, QueuedError> {
     }
 }
 
-/// Resolution for an integration time in power-line cycles; between two listed times that of the shorter.
+/// Resolution for an integration time in power-line cycles; between two listed times the resolution of the shorter.
 pub(crate) fn resolution_of(cycles: f64, range: f64) -> f64 {
     let fraction = INTEGRATION
         .into_iter()
@@ -250,7 +250,7 @@ pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, 
         // A resolution in volts is undefined while the range is not fixed.
         return Err(ParseError::SettingsConflict.into());
     };
-    // MIN is the smallest and so the finest value; a value coarser than all is the coarsest.
+    // MIN is the finest resolution; a value coarser than every available resolution selects the coarsest
     let requested = match resolution {
         Numeric::Value(value) => value.abs(),
         Numeric::Min => 3e-7 * range,
@@ -260,7 +260,7 @@ pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, 
     };
     INTEGRATION
         .into_iter()
-        // Rounding in the last digit of a decimal value must not change the step.
+        // a rounding error in the last digit of the value must not change the result
         .find(|(_, fraction)| fraction * range <= requested * (1.0 + 1e-9))
         .map(|(nplc, _)| nplc)
         .ok_or(ParseError::OutOfRange.into())

@@ -1,4 +1,4 @@
-//! Which relays are closed, and which may be closed: fact sheet sections 2 to 4.
+//! The closed relays, and the rules for closing relays: fact sheet sections 2 to 4.
 
 mod slots;
 
@@ -14,7 +14,7 @@ use crate::simulator::errors::QueuedError;
 pub(crate) use slots::MoveTimes;
 use slots::Slot;
 
-/// The relays closed for one reading: the channel and its relay to bus 1, the sensing channel and its relay to bus 2.
+/// The relays closed for one reading: the channel, its relay to bus 1, the sensing channel, its relay to bus 2.
 pub(crate) type ScanRelays = [Option<Relay>; 4];
 
 #[derive(Debug)]
@@ -40,7 +40,7 @@ impl Relays {
         }
     }
 
-    /// Passes the relays that actually conduct to the wires.
+    /// Passes the relays that actually conduct, stuck relays included, to the wires.
     pub(crate) fn tell(&self, at: Duration, wires: &mut dyn Wires) {
         if self.stuck_open.is_empty() && self.stuck_closed.is_empty() {
             wires.relays(&self.closed, at);
@@ -122,7 +122,7 @@ impl Relays {
                             return Err(QueuedError::CHANNEL);
                         }
                     }
-                    // Both ends exist, so the range is shorter than 8,000.
+                    // both ends exist, so that the range has less than 8,000 numbers
                     relays.extend(
                         (first.min(last)..=first.max(last))
                             .map(Relay)
@@ -147,7 +147,7 @@ impl Relays {
         Ok(relays)
     }
 
-    /// Closes all or none, and returns the time that takes.
+    /// Closes all of the relays or none, and returns the time for it.
     pub(crate) fn close(
         &mut self,
         relays: &[Relay],
@@ -159,7 +159,7 @@ impl Relays {
         Ok(self.become_closed(after))
     }
 
-    /// Opens everything else in the slots of the list, then closes it.
+    /// Opens all other relays in the slots of the list, then closes those of the list.
     pub(crate) fn close_exclusive(
         &mut self,
         relays: &[Relay],
@@ -178,7 +178,8 @@ impl Relays {
         Ok(opened.then(self.become_closed(after)))
     }
 
-    /// The scan rule of section 4, the interlock, and the coils of section 3.
+    /// Checks that relays may be closed: the scan rule of section 4, the interlock, and the number of coils of
+    /// section 3. `after` holds all closed relays afterwards.
     fn check(
         &self,
         relays: &[Relay],
@@ -199,7 +200,7 @@ impl Relays {
             {
                 return Err(QueuedError::COMMITTED);
             }
-            // `contact` has found the slot.
+            // `contact` has checked the slot
             let interlocked = self.slots[relay.0 as usize / 1000 - 1].interlocked;
             let matrix = module.model() == Model::M34934A;
             if (bus || matrix) && (interlocked || module.terminal() == Terminal::None) {
@@ -238,7 +239,7 @@ impl Relays {
             .collect()
     }
 
-    /// Slot and bank.
+    /// Slot and bank of a relay.
     fn bank(&self, relay: Relay) -> (u32, Option<u32>) {
         let bank = self
             .contact(relay)
@@ -260,7 +261,7 @@ impl Relays {
         moves
     }
 
-    /// Opens the closed relays that `meant` selects, and returns the time that takes.
+    /// Opens the closed relays that `meant` selects, and returns the time for it.
     pub(crate) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> MoveTimes {
         let mut moves = MoveTimes::default();
         let opened: Vec<Relay> = self.closed.iter().copied().filter(|r| meant(*r)).collect();
@@ -308,7 +309,7 @@ impl Relays {
     pub(crate) fn of_reading(&self, channel: Relay, four_wire: bool) -> ScanRelays {
         let partner = self.partner(channel).filter(|_| four_wire);
         let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
-        // the relays to the buses stay open while the terminal block is
+        // the relays to the buses stay open while the terminal block is open
         let closes = |bus: &Relay| !self.slots[bus.0 as usize / 1000 - 1].interlocked;
         let bus = self.bus_relay(channel).filter(closes);
         [Some(channel), bus, partner, sense.filter(closes)]
@@ -344,7 +345,7 @@ impl Relays {
         (sense == Contact::Channel { bank: 2 }).then_some(partner)
     }
 
-    /// Reed and ABus relays open, latching relays keep their state (section 3).
+    /// At power off latching relays keep their state, and all other relays (ABus relays included) open (section 3).
     pub(crate) fn lose_power(&mut self) {
         let stay: BTreeSet<Relay> = self
             .closed

@@ -1,4 +1,4 @@
-//! The slots of the mainframe: module, terminal block, time until its relays have settled, stuck relays.
+//! The slots of the mainframe: module, terminal block, settling time; stuck relays.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -15,18 +15,18 @@ use crate::simulator::errors::QueuedError;
 pub(crate) struct Slot {
     pub(super) module: Option<Module>,
     pub(super) protection: Protection,
-    /// The terminal block is open.
+    /// Whether the terminal block is open.
     pub(super) interlocked: bool,
-    /// Time at which the relay moved last has settled.
+    /// Time at which all relays moved so far have settled.
     pub(super) settled: Duration,
 }
 
-/// Time that the relays of each slot need.
+/// Time that the moving relays of each slot need.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct MoveTimes([Duration; 8]);
 
 impl MoveTimes {
-    /// Time until all have settled.
+    /// Time until the relays of all slots have settled.
     pub(crate) fn longest(&self) -> Duration {
         self.0.into_iter().max().unwrap_or_default()
     }
@@ -46,7 +46,7 @@ impl MoveTimes {
 }
 
 impl Relays {
-    /// A relay that conducts (true) or does not, whatever is commanded; `None` ends the fault.
+    /// Makes a relay conduct (true) or not conduct (false), independent of commands; `None` ends the fault.
     pub(crate) fn stick(&mut self, relay: Relay, conducts: Option<bool>) {
         self.stuck_open.remove(&relay);
         self.stuck_closed.remove(&relay);
@@ -57,7 +57,7 @@ impl Relays {
         }
     }
 
-    /// Replaces or removes the module of a slot. Its relays are open.
+    /// Replaces or removes the module of a slot. The relays of the slot are then open.
     pub(crate) fn replace(&mut self, slot: u32, module: Option<Module>) {
         if let Some(place) = self.place_mut(slot) {
             *place = Slot {
@@ -87,7 +87,7 @@ impl Relays {
         self.slots.get_mut((slot as usize).checked_sub(1)?)
     }
 
-    /// Only a 34934A has protected rows.
+    /// The slot, if it holds a 34934A; other modules have no row protection.
     fn protected(&mut self, slot: u32) -> Result<&mut Slot, QueuedError> {
         if self.module(slot)?.model() != Model::M34934A {
             return Err(QueuedError::UNABLE);
@@ -108,7 +108,7 @@ impl Relays {
         Ok(())
     }
 
-    /// Row protection after `*RST`.
+    /// Sets the row protection of all slots to its state after `*RST`.
     pub(crate) fn reset_protection(&mut self) {
         for slot in &mut self.slots {
             slot.protection = Protection::default();

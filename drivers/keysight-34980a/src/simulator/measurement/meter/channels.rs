@@ -11,8 +11,8 @@ use crate::simulator::measurement::setup::{Setup, Timing};
 use crate::simulator::relays::Relays;
 
 impl Meter {
-    /// CONF: sets the scan list if there is a list, everything else to its default, and switches the fields of readings
-    /// off.
+    /// Executes CONF for DC volts: sets the scan list if there is a channel list and every other setting to its
+    /// default, and switches off the fields of readings. Returns the number of channels.
     pub(crate) fn configure(
         &mut self,
         relays: &Relays,
@@ -29,7 +29,7 @@ impl Meter {
                     return Err(QueuedError::CHANNEL_UNABLE);
                 }
             }
-            // Removed first: `set_scan` would check sensing partners by the channels' old functions.
+            // removed before `set_scan`, which checks sensing partners by the functions of the channels
             for relay in &list {
                 self.settings.channels.remove(relay);
             }
@@ -60,7 +60,7 @@ impl Meter {
         })
     }
 
-    /// Changes all of the channels, or none.
+    /// Changes a setting of all channels, or of none if one of them rejects it.
     fn change(
         &mut self,
         relays: &Relays,
@@ -129,7 +129,7 @@ impl Meter {
         Ok(answers?.join(","))
     }
 
-    /// A delay exists for channels only: without a list it applies to those of the scan list.
+    /// Only channels have a delay: without a list the setting applies to the channels of the scan list.
     fn channels_of(&self, quantity: Quantity, channels: &Channels) -> Channels {
         match (quantity, channels) {
             (Quantity::Delay | Quantity::DelayAuto, None) => {
@@ -140,8 +140,8 @@ impl Meter {
         }
     }
 
-    /// The channels of a setting. Without a list the setting applies to the internal voltmeter, represented by `None`,
-    /// and not to the channels of the scan list (corrections of 2026-11-22).
+    /// The channels of a setting. Without a list the setting applies to the internal voltmeter (`None`), not to the
+    /// channels of the scan list (corrections of 2026-11-22).
     pub(crate) fn targets(
         &self,
         relays: &Relays,
@@ -149,7 +149,7 @@ impl Meter {
     ) -> Result<Vec<Option<Relay>>, QueuedError> {
         let list = match channels {
             Some(list) => {
-                // Queries reply in the list's own order, provided all of it can be scanned.
+                // a query replies in the order of its list; all channels must be scannable
                 let list = relays.expand(list)?;
                 self.arranged(relays, list.clone())?;
                 list

@@ -1,9 +1,9 @@
 //! Scaling, limits and statistics of each channel (help pages CALCulate:SCALe, CALCulate:LIMit, CALCulate:AVERage,
 //! OUTPut:ALARm).
 //!
-//! The pages disagree on what a change of the configuration does: here CONF and MEAS? reset gain, offset, unit and
-//! limits; another function, probe or unit of temperatures switches scaling off and clears the limits. Scaling that is
-//! switched on clears the channel's limits.
+//! The help pages contradict each other about the effect of a change of the configuration. Here CONF and MEAS? reset
+//! gain, offset, unit and limits; selecting another function, probe or unit of temperatures switches scaling off and
+//! clears the limits. Switching scaling on clears the channel's limits.
 
 use std::time::Duration;
 
@@ -46,7 +46,7 @@ impl Meter {
         alarm.copied().unwrap_or(1)
     }
 
-    /// The settings that survive `SYST:PRES`.
+    /// The settings that `SYST:PRES` does not change.
     pub(crate) fn computations(&self) -> Computations {
         self.settings.computations.clone()
     }
@@ -125,7 +125,7 @@ impl Meter {
         })
     }
 
-    /// Largest limit of a channel: 120 % of the highest range of its function. `None` where scaled readings or
+    /// Largest limit of a channel: 120 % of the highest range of its function. `None` if scaled readings or
     /// temperatures are compared.
     fn largest_limit(&self, relays: &Relays, target: Option<Relay>) -> Option<f64> {
         let function = self.setup(relays, target).function;
@@ -206,7 +206,7 @@ impl Meter {
         })
     }
 
-    /// Assigns channels to an alarm; an empty list takes all of them from it.
+    /// Assigns channels to an alarm; an empty list removes all channels from it.
     pub(crate) fn assign_alarm(
         &mut self,
         relays: &Relays,
@@ -264,7 +264,7 @@ impl Meter {
         Ok(())
     }
 
-    /// The channels of a list that may not be left out.
+    /// The channels of a list, which must not be empty and contain only channels that can be scanned.
     fn listed(&self, relays: &Relays, channels: &ChannelList) -> Result<Vec<Relay>, QueuedError> {
         let list = relays.expand_some(channels)?;
         self.arranged(relays, list.clone())?;

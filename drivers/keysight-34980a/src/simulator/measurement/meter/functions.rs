@@ -15,7 +15,7 @@ use crate::simulator::measurement::setup::{Setup, Timing};
 use crate::simulator::relays::Relays;
 
 impl Meter {
-    /// CONF of anything but DC volts; see [`Meter::configure`].
+    /// Executes CONF for a function other than DC volts; see [`Meter::configure`].
     pub(crate) fn configure_function(
         &mut self,
         relays: &Relays,
@@ -60,7 +60,7 @@ impl Meter {
         Ok(count)
     }
 
-    /// Selects a function; its settings stay as they were.
+    /// Selects a function; its settings stay as they are. Returns the number of channels.
     pub(crate) fn select(
         &mut self,
         relays: &Relays,
@@ -156,7 +156,7 @@ impl Meter {
         })
     }
 
-    /// Function, timing and integration of a channel.
+    /// The measured quantity, the times of a reading, and the integration time (power-line cycles) of a channel.
     pub(crate) fn plan(&self, target: Option<Relay>, setup: &Setup) -> (Measured, Timing, f64) {
         match setup.function {
             Function::DcVolts => (
@@ -187,7 +187,7 @@ impl Meter {
             .measuring(function)
     }
 
-    /// A channel that senses for another may not be in a scan list with it (+306).
+    /// Rejects a scan list that contains both a channel of a four-wire measurement and its sensing partner (+306).
     pub(crate) fn check_pairs(&self, relays: &Relays, list: &[Relay]) -> Result<(), QueuedError> {
         for relay in list {
             let setup = self.setup(relays, Some(*relay));
@@ -205,7 +205,7 @@ impl Meter {
     }
 }
 
-/// Two- and four-wire resistance share their settings.
+/// The key of the settings of a function; two- and four-wire resistance share theirs.
 fn key(target: Option<Relay>, function: Function) -> (Option<Relay>, Function) {
     match function {
         Function::FourWire => (target, Function::Resistance),
@@ -213,8 +213,8 @@ fn key(target: Option<Relay>, function: Function) -> (Option<Relay>, Function) {
     }
 }
 
-/// Currents are measured on current channels only, and current channels measure nothing else; four-wire measurements
-/// begin in bank 1.
+/// Checks that a channel can measure a function: currents only on current channels, which measure nothing else;
+/// four-wire measurements only on channels of bank 1.
 fn permit(
     relays: &Relays,
     target: Option<Relay>,
@@ -232,7 +232,7 @@ fn permit(
     Ok(())
 }
 
-/// Only the 34921A's terminal block contains a temperature sensor.
+/// Checks that the channel's terminal block contains a temperature sensor; only that of a 34921A does.
 fn has_thermometer(relays: &Relays, target: Option<Relay>) -> Result<(), QueuedError> {
     match target {
         None => Err(ParseError::SettingsConflict.into()),

@@ -33,7 +33,7 @@ pub(crate) struct Meter {
     run: Option<Run>,
     /// Start of the last measurement.
     began: Duration,
-    /// Readings have been taken ahead of their time up to here.
+    /// Time up to which readings have been taken ahead of their time.
     ahead: Duration,
     noticed: StatusEvents,
 }
@@ -53,7 +53,7 @@ impl Meter {
         }
     }
 
-    /// The state after `*RST`. The running measurement has been stopped before.
+    /// Restores the state after `*RST`. The caller stops a running measurement first.
     pub(crate) fn as_new(&mut self) {
         *self = Self {
             installed: self.installed,
@@ -133,7 +133,7 @@ impl Meter {
         }
     }
 
-    /// Whether it continues until a trigger or ABOR ends it.
+    /// Whether the running measurement continues until a trigger or ABOR ends it.
     pub(crate) fn is_endless(&self) -> bool {
         self.run
             .as_ref()
@@ -192,7 +192,8 @@ impl Meter {
         self.read_sweeps(list, self.pace(), count, now, relays, wires)
     }
 
-    /// One immediate sweep, whatever the trigger setting: through the scan list, or one reading of the bare voltmeter.
+    /// Starts one immediate sweep, independent of the trigger settings: through the scan list, or one reading of the
+    /// bare voltmeter. Returns its end.
     pub(crate) fn read_once(
         &mut self,
         scans: bool,
@@ -221,11 +222,11 @@ impl Meter {
             return Err(QueuedError::MEMORY);
         }
         self.begin(list, pace, Some(count), now, relays, wires)?;
-        // The measurement has an end: its sweeps are counted and wait for nothing.
+        // the end can be foreseen: the number of sweeps is finite, and none waits for a trigger
         Ok(self.ends_at().unwrap_or(now))
     }
 
-    /// Takes all readings of the measurement just begun, ahead of their time.
+    /// Takes all readings of the measurement that has just begun, ahead of their time.
     pub(crate) fn take_ahead(&mut self, end: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
         self.advance(end, relays, wires);
         self.ahead = end;
@@ -286,7 +287,7 @@ impl Meter {
         } else {
             list.iter().map(|relay| entry(Some(*relay))).collect()
         };
-        // Further samples of a channel follow without its relays and its delay.
+        // further samples of a channel need no relay move and no delay
         let entries: Vec<ScanEntry> = first
             .into_iter()
             .flat_map(|entry| {
@@ -342,7 +343,8 @@ impl Meter {
         self.ahead = self.ahead.min(now);
     }
 
-    /// Builds a scan list: only channels that can be scanned; ascending and each once, unless ordering is off.
+    /// Builds a scan list; all channels must be scannable. The list is ascending without repeats, unless ordering is
+    /// off.
     pub(crate) fn arranged(
         &self,
         relays: &Relays,
@@ -426,6 +428,6 @@ impl Meter {
     }
 }
 
-/// With ordering off a list may repeat channels. The instrument's memory limits its length; the sources state no
-/// number.
+/// Longest scan list. With ordering off a list may repeat channels; its length is limited by the instrument's memory,
+/// and this number is assumed because the sources give none.
 const LONGEST_SCAN: usize = 5000;

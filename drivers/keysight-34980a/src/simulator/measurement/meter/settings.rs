@@ -22,25 +22,25 @@ pub(crate) struct Settings {
     pub(super) scan: Vec<Relay>,
     pub(super) ordered: bool,
     pub(super) source: TriggerSource,
-    /// s.
+    /// Time from sweep to sweep, s.
     pub(super) timer: f64,
-    /// `None`: until it is stopped.
+    /// Number of sweeps; `None`: until the measurement is stopped.
     pub(super) count: Option<u32>,
     /// Readings of a channel for each trigger.
     pub(super) samples: u32,
-    /// Delay of the voltmeter alone, s; `None`: automatic.
+    /// Delay after a trigger for the bare voltmeter, s; `None`: automatic.
     pub(super) trigger_delay: Option<f64>,
     pub(crate) format: ReadingFormat,
     pub(super) threshold: u32,
     pub(super) computations: Computations,
 }
 
-/// What is computed from readings, where it has been set. `SYST:PRES` leaves it alone.
+/// Settings of computations on readings, for the channels that have any. `SYST:PRES` does not change them.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Computations {
     pub(super) scales: BTreeMap<Option<Relay>, Scale>,
     pub(super) limits: BTreeMap<Relay, Limits>,
-    /// The alarms to which channels were assigned; the others raise alarm 1 (34970A manual p. 250).
+    /// The alarms to which channels were assigned; all other channels raise alarm 1 (34970A manual p. 250).
     pub(super) alarms: BTreeMap<Relay, u8>,
 }
 
@@ -65,7 +65,7 @@ impl Default for Settings {
 }
 
 impl Meter {
-    /// Restores stored settings; channels of modules that are gone are left out. Clears the memory.
+    /// Restores stored settings; channels of modules that have been removed are left out. Clears the memory.
     pub(crate) fn take_settings(&mut self, stored: Settings, relays: &Relays) {
         let is_there = |relay: &Relay| relays.contact(*relay).is_ok();
         self.settings = stored;

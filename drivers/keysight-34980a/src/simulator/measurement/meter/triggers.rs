@@ -1,5 +1,5 @@
-//! When and how often the voltmeter measures: trigger source, timer, counts, delay (section 5). A change clears the
-//! memory.
+//! When and how often the voltmeter measures: trigger source, timer, counts, delay (section 5). Changing one of these
+//! settings clears the memory.
 
 use scpi::{Numeric, format_nr3_signed};
 
@@ -26,7 +26,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Reply with the timer, or a limit of it.
+    /// Reply with the timer, or its smallest, largest or default value.
     pub(crate) fn timer(&self, limit: Option<Numeric>) -> String {
         let value = match limit {
             None => self.settings.timer,
@@ -42,7 +42,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Reply with the number of sweeps, or a limit of it.
+    /// Reply with the number of sweeps, or its smallest, largest or default value.
     pub(crate) fn sweeps(&self, limit: Option<Numeric>) -> String {
         let count = match limit {
             None => self.settings.count,
@@ -60,7 +60,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Reply with the number of samples, or a limit of it.
+    /// Reply with the number of samples, or its smallest, largest or default value.
     pub(crate) fn samples(&self, limit: Option<Numeric>) -> String {
         let count = match limit {
             None => self.settings.samples,
@@ -75,7 +75,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Reply with the delay after a trigger, or a limit of it.
+    /// Reply with the delay after a trigger, or its smallest, largest or default value.
     pub(crate) fn trigger_delay(&self, limit: Option<Numeric>) -> String {
         let delay = match limit {
             None => self.settings.trigger_delay.unwrap_or(0.0),
@@ -94,7 +94,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// CONF and MEAS? set one sample, and the delay after a trigger to automatic.
+    /// Executes the part of CONF and MEAS? that sets one sample, and an automatic delay after a trigger.
     pub(super) fn reset_samples(&mut self) {
         (self.settings.samples, self.settings.trigger_delay) = (1, None);
     }

@@ -1,6 +1,7 @@
 //! Reference functions of thermocouples: NIST Monograph 175 (ITS-90).
 
-/// A section of a reference function: from and to, degrees Celsius, and coefficients of mV, constant first.
+/// A section of a reference function: its limits, degrees Celsius, and the coefficients of the polynomial for mV,
+/// constant term first.
 pub(crate) type CoupleSection = (f64, f64, &'static [f64]);
 
 #[rustfmt::skip]

@@ -8,8 +8,8 @@ use crate::simulator::measurement::temperature::couples::{B, CoupleSection, E, J
 /// The additional term of type K above 0 degrees: a0 exp(a1 (t - a2)^2) mV.
 const K_EXPONENTIAL: [f64; 3] = [0.1185976, -0.0001183432, 126.9686];
 
-/// The sections of a thermocouple's function, and the lowest temperature used. Type B is used from 100 degrees: below,
-/// two temperatures give the same voltage.
+/// The sections of a thermocouple's function, and the lowest temperature used. Type B is used from 100 degrees only,
+/// because below it two temperatures have the same voltage.
 fn sections(couple: &str) -> (&'static [CoupleSection], f64) {
     let all = match couple {
         "B" => B,
@@ -21,7 +21,7 @@ fn sections(couple: &str) -> (&'static [CoupleSection], f64) {
         "T" => T,
         _ => J,
     };
-    // Near absolute zero some functions are almost flat: the instrument's own limits apply.
+    // near absolute zero some functions are almost constant: the limits of the instrument apply
     let least = match couple {
         "B" => 100.0,
         "E" | "J" | "K" | "N" | "T" => -200.0,
@@ -96,7 +96,7 @@ pub(crate) fn of_thermistor(kind: f64, ohms: f64) -> f64 {
     }
 }
 
-/// The zero of an increasing function; infinite if there is none in the interval.
+/// The zero of an increasing function in an interval; infinite, with the sign of the side, if there is none.
 fn between(mut least: f64, mut most: f64, rising: impl Fn(f64) -> f64) -> f64 {
     if rising(least) > 0.0 {
         return f64::NEG_INFINITY;
@@ -143,7 +143,7 @@ mod tests {
             let read = of_couple(couple, millivolts * 1e-3, 0.0);
             assert!((read - celsius).abs() < 0.1, "{couple} {celsius}: {read}");
         }
-        // a thermocouple at the temperature of its junction gives 0 V
+        // a thermocouple at the temperature of its reference junction gives 0 V
         assert!((of_couple("K", 0.0, 23.0) - 23.0).abs() < 1e-9);
         assert_eq!(of_couple("J", 1.0, 0.0), f64::INFINITY);
         assert_eq!(of_couple("J", -1.0, 0.0), f64::NEG_INFINITY);
