@@ -82,7 +82,7 @@ pub enum Pair {
 }
 
 impl Pair {
-    /// Its two poles, plus first.
+    /// The two poles of the pair, plus first.
     pub fn poles(self) -> [Pole; 2] {
         match self {
             Self::Current => [Pole::IPlus, Pole::IMinus],
@@ -101,7 +101,7 @@ impl State {
         self.0[pole.index()]
     }
 
-    /// The same state with another electrode on a pole.
+    /// This state with another electrode, or none, on a pole.
     pub fn with(mut self, pole: Pole, electrode: Option<Electrode>) -> Self {
         self.0[pole.index()] = electrode;
         self

@@ -56,7 +56,7 @@ fn plug(device: &Shared) -> DuplexStream {
                     let lie = device.lie.take().map(str::to_owned);
                     (lie.or(answer.text), answer.busy)
                 };
-                // The board's own time; the test's clock is paused and advances at once.
+                // the time that the board needs; the paused clock of the test advances at once
                 tokio::time::sleep(busy).await;
                 if let Some(text) = text {
                     there

@@ -12,9 +12,9 @@ use crate::Kind;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Subject {
     Sweep,
-    /// Wave settings that are fixed while it runs.
+    /// Wave settings that are fixed while the wave runs.
     Wave,
-    /// Wave settings that take effect at once while it runs.
+    /// Wave settings that take effect at once while the wave runs.
     LiveWave,
     /// Survives `*RST`.
     Communication,

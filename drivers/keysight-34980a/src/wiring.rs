@@ -28,8 +28,8 @@ pub enum MapError {
     Wiring(#[from] WiringError),
 }
 
-/// Map M: measuring pair k on channel k of bank 1 of a 34924A, scanned by the voltmeter; injecting pair k on channel 35
-/// + k of bank 2. Two to 35 electrodes.
+/// Map M: measuring pair k on channel k of bank 1 of a 34924A, scanned by the voltmeter; injecting pair k on channel
+/// 35+k of bank 2. Two to 35 electrodes.
 ///
 /// # Errors
 /// A slot outside 1 to 8, or more pairs than a bank has.
@@ -47,8 +47,8 @@ pub fn pairs_34922a(slot: u32, electrodes: usize) -> Result<Wiring, MapError> {
     pairs(name, slot, slot, electrodes)
 }
 
-/// Map F: measuring pair k on channel k of a 34925A, across both banks; injecting pair k on channel 35 + k, bank 2 of a
-/// 34924A in another slot. Two to 35 electrodes.
+/// Map F: measuring pair k on channel k of a 34925A, across both banks; injecting pair k on channel 35+k, in bank 2 of
+/// a 34924A in another slot. Two to 35 electrodes.
 ///
 /// # Errors
 /// A slot outside 1 to 8, one slot for both modules, or more pairs than a bank has.

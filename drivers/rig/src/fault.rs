@@ -28,7 +28,7 @@ pub enum RigError {
     Refused {
         /// Name and address.
         instrument: String,
-        /// What was sent.
+        /// The command that was sent.
         command: String,
         /// Number of the oldest entry of the queue.
         code: i32,
@@ -44,7 +44,7 @@ pub enum RigError {
         command: String,
         /// The reply, shortened.
         answer: String,
-        /// What was expected.
+        /// The expected form, in words.
         expected: String,
     },
     /// A setting reads back differently from what was set.

@@ -52,14 +52,14 @@ pub trait CurrentSource: Send {
 /// Compliance state of a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Compliance {
-    /// In compliance now.
+    /// Whether the source is in compliance now.
     pub now: bool,
-    /// Entered compliance at some time since the last call.
+    /// Whether the source entered compliance at any time since the last call.
     pub since: bool,
 }
 
 impl Compliance {
-    /// Now, or since the last call.
+    /// Whether the source is in compliance now, or entered it since the last call.
     pub fn occurred(self) -> bool {
         self.now || self.since
     }
@@ -152,9 +152,9 @@ impl MeterSettings {
 /// A channel to scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Its relay.
+    /// The channel's relay.
     pub relay: Relay,
-    /// Its range.
+    /// The channel's range.
     pub range: Volts,
     /// Delay between closing its relay and reading, in addition to the delay of every channel: the settling time of the
     /// sheet after a change of current.
@@ -166,7 +166,7 @@ pub struct Sample {
 pub struct ChainedReading {
     /// The moves that open the previous pair and close this one.
     pub moves: Vec<Move>,
-    /// Its range.
+    /// The pair's range.
     pub range: Volts,
 }
 

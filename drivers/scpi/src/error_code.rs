@@ -75,7 +75,7 @@ parse_errors! {
     TriggerIgnored = -211, "Trigger ignored";
     /// A measurement is already running.
     InitIgnored = -213, "Init ignored";
-    /// Allowed by itself, but in conflict with the present settings.
+    /// A valid value that conflicts with the present settings.
     SettingsConflict = -221, "Settings conflict";
     /// A number outside its limits.
     OutOfRange = -222, "Data out of range";

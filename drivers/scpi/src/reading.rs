@@ -35,7 +35,7 @@ impl Answer {
 pub struct ReplyError {
     /// The reply, shortened.
     pub text: String,
-    /// What was expected, in words.
+    /// The expected form, in words.
     pub expected: String,
 }
 

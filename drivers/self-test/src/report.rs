@@ -67,7 +67,7 @@ pub struct Report {
     pub misfit: Option<f64>,
     /// Sheet resistance by van der Pauw with superposition, corrected for electrodes that are not on the edge, ohm.
     pub pauw_ohm: Option<f64>,
-    /// The same without the correction, ohm.
+    /// Sheet resistance by van der Pauw without the correction, ohm.
     pub pauw_raw_ohm: Option<f64>,
     /// Difference between exchanged drive and sense, rms of the readings.
     pub reciprocity: Option<f64>,

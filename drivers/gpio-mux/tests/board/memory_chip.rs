@@ -13,7 +13,7 @@ pub(crate) struct LineEdge {
     pub(crate) at: Duration,
     /// The line.
     pub(crate) line: Line,
-    /// Its new level.
+    /// The new level.
     pub(crate) level: bool,
 }
 

@@ -130,13 +130,13 @@ vocabulary! {
     Element as ELEMENTS {
         /// The reading.
         Reading = "READing",
-        /// Its time stamp.
+        /// The time stamp of the reading.
         Stamp = "TSTamp",
-        /// Its unit.
+        /// The unit of the reading.
         Unit = "UNITs",
-        /// Its number.
+        /// The number of the reading.
         Number = "RNUMber",
-        /// The level.
+        /// The level of the source.
         Source = "SOURce",
         /// Whether the source was in compliance.
         Compliance = "COMPliance",

@@ -119,7 +119,7 @@ fn section_4_compliance_ends_a_sweep_if_configured() {
     assert_eq!(talk.operation(), ABORTED | IDLE);
     assert_eq!(talk.load.flowing, Amps(0.0));
     talk.hold(&[("OUTP?;:STAT:MEAS?;:SYST:ERR?", "0;8;0,\"No error\"")]);
-    // The same without evaluations in between.
+    // The same sweep without evaluations in between.
     let mut unwatched = staircase(1000.0);
     unwatched.hold(&[(
         "SOUR:CURR:COMP 1.5;:SOUR:SWE:CAB ON;:SOUR:SWE:ARM;:INIT",

@@ -61,7 +61,7 @@ pub enum Route {
     Labels(ChannelList),
     /// Define a sequence.
     Define {
-        /// Its name.
+        /// The name of the sequence.
         name: String,
         /// The commands, in order.
         commands: Message,

@@ -168,7 +168,7 @@ impl<S: Stream> Keysight34980a<S> {
     async fn prepared_range(&self) -> Volts {
         let unit = self.unit.lock().await;
         let prepared = unit.prepared.as_ref();
-        // without a preparation the scan is rejected, whatever the range
+        // without a preparation every reading is rejected, so that any range can be returned
         prepared.map_or(Volts(RANGES[0]), |prepared| prepared.meter.range)
     }
 
@@ -259,8 +259,8 @@ impl<S: Stream> Switch for Keysight34980a<S> {
 }
 
 impl<S: Stream> Voltmeter for Keysight34980a<S> {
-    /// Sends all settings once, and reads them back every time. The first call resets the instrument, which opens every
-    /// relay.
+    /// Sends all settings if they differ from those of the last preparation or if a measurement has failed since, and
+    /// reads all of them back in any case. The first call resets the instrument, which opens every relay.
     async fn prepare(&mut self, meter: MeterSettings, scan: &[Relay]) -> Result<(), RigError> {
         self.check_range(meter.range)?;
         if !INTEGRATION.iter().any(|(nplc, _)| *nplc == meter.nplc) {

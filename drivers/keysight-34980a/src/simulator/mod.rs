@@ -117,7 +117,7 @@ pub struct Settings34980a {
     pub slots: [Option<Module>; 8],
     /// Mains frequency, Hz.
     pub line_hz: f64,
-    /// Time to receive a message, whatever its content.
+    /// Time to receive a message, independent of its content.
     pub message_time: Duration,
     /// Time that a measurement setting takes for each of its channels.
     pub setting_time: Duration,

@@ -25,7 +25,7 @@ pub enum LinkError {
     Timeout {
         /// Name and address.
         instrument: String,
-        /// What was sent, shortened.
+        /// The message that was sent, shortened.
         message: String,
         /// The timeout.
         deadline: Duration,
@@ -54,7 +54,7 @@ pub enum LinkError {
     Unsolicited {
         /// Name and address.
         instrument: String,
-        /// What came, shortened.
+        /// The data received, shortened.
         text: String,
     },
     /// A reply longer than the limit.
@@ -62,7 +62,7 @@ pub enum LinkError {
     TooLong {
         /// Name and address.
         instrument: String,
-        /// What was sent, shortened.
+        /// The message that was sent, shortened.
         message: String,
         /// The bound.
         most: usize,
@@ -72,7 +72,7 @@ pub enum LinkError {
     NotText {
         /// Name and address.
         instrument: String,
-        /// What was sent, shortened.
+        /// The message that was sent, shortened.
         message: String,
     },
     /// A message that contains a line end would be two messages.
@@ -80,7 +80,7 @@ pub enum LinkError {
     LineEnd {
         /// Name and address.
         instrument: String,
-        /// What was to be sent, shortened.
+        /// The message to be sent, shortened.
         message: String,
     },
 }

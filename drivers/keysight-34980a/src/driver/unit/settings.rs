@@ -32,8 +32,8 @@ impl<S: Stream> Unit<S> {
                 .await?;
             self.listed = requested.ascending();
         }
-        // sent again in the message that reads them back, so that the messages of one frame can be replayed by
-        // themselves
+        // delays are sent again in the message that reads them back, so that the messages of one frame can be replayed
+        // without those of earlier frames
         let all = requested.meter.channel_delay;
         let differing = self.delays.iter().filter(|(_, delay)| **delay != all);
         let again = delays(differing.map(|(relay, delay)| (*relay, *delay)));

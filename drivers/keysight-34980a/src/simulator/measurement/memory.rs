@@ -15,7 +15,7 @@ use crate::simulator::measurement::computation::Mark;
 pub(crate) struct Stored {
     /// The value; infinite for an overload.
     pub(crate) value: f64,
-    /// Its unit.
+    /// The unit of the value.
     pub(crate) mark: Mark,
     /// Time since the start of the scan.
     pub(crate) since: Duration,

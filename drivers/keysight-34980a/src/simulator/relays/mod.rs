@@ -122,7 +122,7 @@ impl Relays {
                             return Err(QueuedError::CHANNEL);
                         }
                     }
-                    // both ends exist, so that the range has less than 8,000 numbers
+                    // both ends exist, so that the range has fewer than 8,000 numbers
                     relays.extend(
                         (first.min(last)..=first.max(last))
                             .map(Relay)
@@ -315,7 +315,7 @@ impl Relays {
         [Some(channel), bus, partner, sense.filter(closes)]
     }
 
-    /// Closes the relays of a reading. [`Relays::unjoin`] opens what was closed.
+    /// Closes the relays of a reading, and returns them. [`Relays::unjoin`] opens them.
     pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> ScanRelays {
         let joined = self.of_reading(channel, four_wire);
         let mut after = self.closed.clone();

@@ -7,7 +7,7 @@ use super::Run;
 use crate::{Compliance, RigError};
 
 impl Run<'_> {
-    /// Stores the readings of a step; in the reversed polarity as half the difference to the first.
+    /// Stores the readings of a step; in the second polarity as half the difference of the two.
     ///
     /// # Errors
     /// [`RigError::ReadingCount`] if the number of readings is not that of the step.
