@@ -2,8 +2,7 @@
 //!
 //! GREIT (Adler and others, Physiol. Meas. 30 (2009) S35), as EIDORS computes them. q is the set of pixels at or above
 //! 25 % of the image's maximum; pixels outside of the sheet are NaN. The raster covers the bounding box scaled to [-1,
-//! 1], x along rows (the first index), y along columns (the second); the centres of the first and the last pixel are at
-//! -1 and 1.
+//! 1], x along rows (the first index), y along columns (the second); first and last pixel centres at -1 and 1.
 
 /// Least value of a pixel of q, as a share of the maximum.
 pub const QUARTER: f64 = 0.25;
@@ -66,7 +65,7 @@ pub struct Greit {
     pub resolution: f64,
     /// Share of q outside of the circle of equal area around its centroid.
     pub shape_deformation: f64,
-    /// -(sum of negative pixels not in q) / (sum over q).
+    /// Absolute sum of the negative pixels (none is in q) over the sum of q.
     pub ringing: f64,
     /// Unweighted centroid of q, in [-1, 1].
     pub centroid: [f64; 2],
@@ -314,7 +313,8 @@ mod tests {
         close(merit.position_error, 1.0 - 1.0 / 6.0);
         close(merit.resolution, (4.0_f64 / 18.0).sqrt());
         close(merit.ringing, 0.75 / 16.0);
-        // equal-area circle: r^2 = (4 / 20) 4 / pi = 0.2546; squared distances: 0.0278 + 0.25 = 0.2778 (twice), 0.0278, 0.25
+        // equal-area circle: r^2 = (4 / 20) 4 / pi = 0.2546; squared distances: 0.0278 + 0.25 = 0.2778 (twice), 0.0278,
+        // 0.25
         close(merit.shape_deformation, 0.5);
     }
 

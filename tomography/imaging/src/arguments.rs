@@ -20,38 +20,42 @@ pub struct MethodArguments {
     /// Trained model file in place of a method
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
-    /// Prior of the one-step method: tikhonov, noser (p = 0.5), noser:P, laplace, gaussian (10 mm), gaussian:MM [default: what
-    /// the session used, else noser:0.25]
+    /// Prior of the one-step method: tikhonov, noser (p = 0.5), noser:P, laplace, gaussian (10 mm), gaussian:MM
+    /// [default: what the session used, else noser:0.25]
     #[arg(long, value_name = "PRIOR", conflicts_with = "model")]
     pub prior: Option<PriorArgument>,
     /// Exponent of the NOSER prior, as in noser:P; a number from 0 to 1 [default: 0.5 with --prior noser, else 0.25]
     #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
     pub exponent: Option<f64>,
-    /// Standard deviation of the white noise of one reading, V: lower limit of a frame's errors, and the noise that the quality check of
-    /// maps expects [default: what the session used, else measured from the baseline]
+    /// Standard deviation of the white noise of one reading, V: lower limit of a frame's errors, and the noise that the
+    /// quality check of maps expects [default: what the session used, else measured from the baseline]
     #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
-    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V); a number above 0 [default: by --choose]
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V); a number
+    /// above 0 [default: by --choose]
     #[arg(long, value_name = "X", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub lambda: Option<f64>,
-    /// How the hyper-parameter is chosen: evidence (the most probable one for each frame), l-curve (the corner of each frame's),
-    /// noise (one for all frames, by --noise-v), noise-figure:X [default: what the session used, else evidence; with --map-error noise]
+    /// How the hyper-parameter is chosen: evidence (the most probable one for each frame), l-curve (the corner of each
+    /// frame's), noise (one for all frames, by --noise-v), noise-figure:X [default: what the session used, else
+    /// evidence; with --map-error noise]
     #[arg(long, value_name = "RULE", conflicts_with_all = ["model", "lambda"])]
     pub choose: Option<ChooseArgument>,
-    /// One-step: use a faster low-rank product for maps whose proved error is at most this share of their largest value, e.g. 1e-3
-    /// [default: what the session used, else exact]
+    /// One-step: use a faster low-rank product for maps whose proved error is at most this share of their largest
+    /// value, e.g. 1e-3 [default: what the session used, else exact]
     #[arg(long, value_name = "X", conflicts_with_all = ["model", "loss_only"], value_parser = share, allow_hyphen_values = true)]
     pub map_error: Option<f64>,
     /// Total variation: stop within this share of the minimum [default: what the session used, else 1e-3]
     #[arg(long, value_name = "X", conflicts_with = "model", value_parser = share, allow_hyphen_values = true)]
     pub gap: Option<f64>,
-    /// Bound the map to losses, -1 <= x <= 0: one-step and tv find the best map within the bounds, maps of a model are clipped
+    /// Bound the map to losses, -1 <= x <= 0: one-step and tv find the best map within the bounds, maps of a model are
+    /// clipped
     #[arg(long)]
     pub loss_only: bool,
     /// One-step, tv and best: which conductances are unknown [default: what the session used, else sheet]
     #[arg(long, value_enum, value_name = "WHICH", conflicts_with = "model")]
     pub unknowns: Option<Unknowns>,
-    /// Treatment of drift since the baseline, if the baseline is not tracked (see --tracked) [default: what the session used, else off]
+    /// Treatment of drift since the baseline, if the baseline is not tracked (see --tracked) [default: what the session
+    /// used, else off]
     #[arg(long, value_enum, value_name = "RULE")]
     pub drift: Option<DriftRule>,
 }
@@ -60,8 +64,9 @@ pub struct MethodArguments {
 #[derive(Debug, Clone, Default, PartialEq, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub struct TrackedArguments {
-    /// Track the drift of the baseline through all frames, and report for each frame whether its map can be relied on; --tracked=off:
-    /// use the baseline as recorded [default: as in the session; off for a recording without a configuration]
+    /// Track the drift of the baseline through all frames, and report for each frame whether its map can be relied
+    /// on; --tracked=off: use the baseline as recorded [default: as in the session; off for a recording without a
+    /// configuration]
     #[arg(long, value_name = "on|off", num_args = 0..=1, require_equals = true, default_missing_value = "on", value_parser = on_or_off)]
     pub tracked: Option<bool>,
     /// With --tracked, for frames without times: time from one frame to the next, s

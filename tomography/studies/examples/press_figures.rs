@@ -1,9 +1,10 @@
 //! Accuracy of the model-based methods on simulated presses, with any seeds:
 //! `cargo run --release -p tactus-studies --example press_figures -- [FIRST_SEED [PRESSES [METHOD...]]]`.
 //!
-//! Discs of 10 and 30 mm take half the conductance at random positions of the region; forward data from the phantom's
-//! finer mesh, 2 uV of white noise on baseline and frame. Prints mean and worst location error (mm), mean correlation
-//! with the true map, mean Dice of the parts at or above half of the largest loss, median time per frame.
+//! Discs of 10 and 30 mm halve the conductance at random positions of the region. The readings are solved on the
+//! phantom's finer mesh, with 2 uV of white noise on baseline and frame. Prints mean and largest location error (mm),
+//! mean correlation with the true map, mean Dice coefficient of the parts at or above half of the largest loss, and
+//! median time per frame.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -9,29 +9,30 @@ use outfile::Existing;
 
 use crate::failure::{Failure, write};
 
-/// The program whose commands make the models and the test sets of a study.
+/// The program whose commands create the models and the test sets of a study.
 pub trait Program {
     /// Checks that the arguments, without the program's name, are a valid command.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// What is wrong with the arguments.
     fn check(&self, words: &[OsString]) -> Result<(), String>;
 
-    /// Runs a command, given without the program's name.
+    /// Runs a command; `words` are its arguments without the program's name.
     ///
     /// # Errors
-    /// The command's error.
+    /// The error of the command.
     fn run(&self, words: &[OsString]) -> Result<(), Failure>;
 
-    /// By how much a new process grows at most while it loads a model, bytes; `None` if the system does not report it.
+    /// Largest growth of the memory of a new process while it loads a model, bytes; `None` if the system does not
+    /// report it.
     fn resident_bytes(&self, model: &Path) -> Option<u64>;
 }
 
-/// In a command: the cache's folder, as the beginning of a path. It may contain spaces, which the words of a command
-/// must not.
+/// Placeholder in a command for the cache's folder, at the start of a path: the folder's name may contain spaces, and
+/// commands are split at spaces.
 pub(crate) const FOLDER: &str = "{folder}";
 
-/// Name of the file that contains the command that made a folder.
+/// Name of the file in a folder that contains the command which created the folder.
 const MADE_BY: &str = ".tactus-lab";
 
 /// The output folder of a study.
@@ -41,8 +42,8 @@ pub(crate) struct ArtifactCache<'p> {
 }
 
 impl<'p> ArtifactCache<'p> {
-    /// Creates the output folder of a command, or reuses one made by the same command. Files in it are replaced, so
-    /// another folder is refused unless it is empty or `existing` allows it.
+    /// Creates the output folder of a command, or reuses one created by the same command. Files in it are replaced, so
+    /// any other folder is refused unless it is empty or `existing` allows it.
     pub(crate) fn new(
         folder: PathBuf,
         command: &str,
@@ -51,7 +52,7 @@ impl<'p> ArtifactCache<'p> {
     ) -> Result<Self, Failure> {
         let made_by = folder.join(MADE_BY);
         let own = || std::fs::read_to_string(&made_by).is_ok_and(|text| text.trim_end() == command);
-        // again after a look into the folder: another shard may have just created it
+        // `own` is checked again because another shard may have created the file in the meantime
         if !own() && !only_own_files(&folder) && !own() {
             outfile::check_folder(&folder, existing)?;
         }
@@ -85,13 +86,14 @@ impl<'p> ArtifactCache<'p> {
         Case::read(&folder).map_err(|fault| Failure::of("cannot read the case", &fault))
     }
 
-    /// A file or folder `name` made by `command` with `--out`: reused if the same command made it, otherwise made again.
-    /// One process makes a thing; others that need it wait.
+    /// The path of a file or folder `name` created by `command` with `--out`. It is reused if the same command created
+    /// it, otherwise created again. One process creates it; others that need it wait.
     pub(crate) fn made(&self, name: &str, command: &str) -> Result<PathBuf, Failure> {
         self.make(name, command, false)
     }
 
-    /// As [`made`](Self::made), with the time that the command took, s. A thing whose time was lost is made again.
+    /// As [`made`](Self::made), with the time that the command took, s. If that time is missing, the command is run
+    /// again.
     pub(crate) fn made_timed(&self, name: &str, command: &str) -> Result<(PathBuf, f64), Failure> {
         let path = self.make(name, command, true)?;
         match seconds(&path) {
@@ -159,7 +161,7 @@ impl<'p> ArtifactCache<'p> {
         Ok(Some(command.to_owned()))
     }
 
-    /// The words of a command that makes `path`.
+    /// The arguments of a command that creates `path`.
     fn command_line(&self, command: &str, path: &Path) -> Vec<OsString> {
         let word = |word: &str| match word.strip_prefix(FOLDER) {
             Some(inner) => self.path(inner.trim_start_matches('/')).into_os_string(),
@@ -172,13 +174,13 @@ impl<'p> ArtifactCache<'p> {
             .collect()
     }
 
-    /// Growth of a process by loading a model, bytes.
+    /// Growth of a process by loading a model, bytes; see [`Program::resident_bytes`].
     pub(crate) fn resident_bytes(&self, model: &Path) -> Option<u64> {
         self.program.resident_bytes(model)
     }
 }
 
-/// Whether a folder is absent, or has no other files than those of [`ArtifactCache::new`], which another process may be
+/// Whether a folder does not exist, or contains only the files of [`ArtifactCache::new`], which another process may be
 /// writing.
 fn only_own_files(folder: &Path) -> bool {
     let Ok(mut entries) = std::fs::read_dir(folder) else {
@@ -194,13 +196,13 @@ fn only_own_files(folder: &Path) -> bool {
     })
 }
 
-/// The time of the command that made a path, s; `None` if it is unknown.
+/// The time of the command that created a path, s; `None` if it is unknown.
 fn seconds(path: &Path) -> Option<f64> {
     let text = std::fs::read_to_string(beside(path, "seconds")).ok()?;
     text.trim().parse().ok()
 }
 
-/// The file of a path with another ending: `models/dnn.safetensors.command` for `models/dnn.safetensors`.
+/// A path with an additional extension: `models/dnn.safetensors.command` for `models/dnn.safetensors`.
 fn beside(path: &Path, ending: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".");
@@ -214,7 +216,7 @@ mod tests {
 
     use super::*;
 
-    /// Records the command lines that it gets, and writes their outputs.
+    /// Records the command lines that it receives, and writes their outputs.
     #[derive(Default)]
     struct Recorder(RefCell<Vec<Vec<OsString>>>);
 

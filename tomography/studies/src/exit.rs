@@ -1,35 +1,35 @@
-//! The exit codes of `tactus-lab`, and what the scheduler of a cluster does with each.
+//! The exit codes of `tactus-lab`, and the reaction of a cluster's scheduler to each.
 
-/// How a command ends.
+/// Result of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exit {
     /// Done.
     Done,
     /// Failed: a file, a full disk, a case that cannot be solved, a broken bound.
     Failed,
-    /// A wrong command line, or settings that differ from those of existing shards.
+    /// An invalid command line, or settings that differ from those of existing shards.
     Usage,
-    /// Another process makes this shard, or SIGTERM: the shard is incomplete and can be continued.
+    /// Another process is making this shard, or SIGTERM was received: the shard is incomplete and can be continued.
     TryAgain,
     /// A file with settings that cannot be used.
     Configuration,
 }
 
-/// One line of the table.
+/// One row of the table.
 #[derive(Debug)]
 pub struct ExitRow {
-    /// How a command ends.
+    /// Result of a command.
     pub exit: Exit,
-    /// The exit code, of `sysexits.h` where it has one.
+    /// The exit code, from `sysexits.h` if that defines one.
     pub code: u8,
     /// `kind` of the line of JSON on standard error.
     pub kind: &'static str,
-    /// What a scheduler does with a shard that ends so.
+    /// What a scheduler does with a shard that ends with this code.
     pub scheduler: &'static str,
 }
 
-/// Every way to end. A process that is ended by a signal (128 + its number in a shell) is also run again; SIGKILL and a
-/// power cut leave a shard that can be continued.
+/// All exit codes. A process that was terminated by a signal (exit code 128 + its number in a shell) is also run again;
+/// after SIGKILL or a power cut the shard can be continued.
 pub const EXIT_TABLE: [ExitRow; 5] = [
     row(Exit::Done, 0, "done", "complete"),
     row(Exit::Failed, 1, "failed", "run again a few times at most"),
@@ -48,7 +48,7 @@ const fn row(exit: Exit, code: u8, kind: &'static str, scheduler: &'static str) 
 }
 
 impl Exit {
-    /// Its line of the table.
+    /// Its row of the table.
     pub fn row(self) -> &'static ExitRow {
         EXIT_TABLE
             .iter()

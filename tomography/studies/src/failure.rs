@@ -11,7 +11,7 @@ use training::dataset::DataSetError;
 
 use crate::exit::Exit;
 
-/// An error with its chain of causes, and the exit code of a command that ends with it.
+/// An error message with its chain of causes, and the exit code of the command.
 #[derive(Debug)]
 pub struct Failure {
     message: String,
@@ -35,7 +35,7 @@ impl Failure {
         }
     }
 
-    /// An error with what was attempted and its cause.
+    /// An error that names the attempted action and its cause.
     pub fn of(attempt: &str, cause: &dyn std::error::Error) -> Self {
         Self {
             message: format!("{attempt}: {}", survey::error_chain(cause)),
@@ -51,7 +51,7 @@ impl Failure {
         }
     }
 
-    /// How a command with this error ends.
+    /// The result of a command with this error.
     pub fn exit(&self) -> Exit {
         self.exit
     }
@@ -106,7 +106,7 @@ impl From<RecordedError> for Failure {
 
 impl From<OutFileError> for Failure {
     fn from(refused: OutFileError) -> Self {
-        // the error names the file; only a system error is appended
+        // the error names the file, so only the error of the system is appended
         match std::error::Error::source(&refused) {
             Some(cause) => Self::of(&refused.to_string(), &cause),
             None => Self::because(refused.to_string()),
@@ -122,7 +122,7 @@ pub fn write(path: &Path, existing: Existing, text: String) -> Result<(), Failur
     Ok(outfile::write(path, existing, text.as_bytes())?)
 }
 
-/// Rows of a table as JSON, with the table's name.
+/// Rows of a table as JSON objects, each with the name of the table.
 pub(crate) fn tagged<T: serde::Serialize>(
     table: &str,
     rows: &[T],

@@ -1,6 +1,6 @@
 //! Parts shared by the HTML pages of the paper and trade-off studies.
 
-/// The beginning of a page, before its first heading.
+/// The start of a page, up to its first heading.
 pub(crate) fn opening(title: &str, style: &str) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\

@@ -1,12 +1,12 @@
-//! The studies: the paper's experiments, accuracy against computing time, and the hard cases; and the evaluation of
-//! methods on test sets that all of them use.
+//! The studies (the paper's experiments, accuracy against computing time, the hard cases and others), and the
+//! evaluation of methods on test sets.
 //!
-//! The crate computes, writes results to a folder and returns them. The command line and its output are in `lab`;
-//! models and test sets that a study needs are made by commands, through [`Program`].
+//! The crate computes results, writes them to a folder and returns them. The command line and its output are in `lab`.
+//! Models and test sets that a study needs are created by commands, through [`Program`].
 //!
 //! - **paper**: every experiment, figure and claim of the paper; **tradeoff**: error against time, as eight diagrams;
-//!   **stability**: the hard cases, each with a naive implementation that fails; **honesty**: quality verdicts of maps on
-//!   healthy and faulty frames; **months**: maps while the sheet drifts
+//!   **stability**: the hard cases, each with a naive implementation that fails; **honesty**: quality verdicts of maps
+//!   on healthy and faulty frames; **months**: maps while the sheet drifts
 //! - **evaluation**: test sets, methods given as command-line options, and figures of merit of their maps
 
 mod artifact_cache;
@@ -29,7 +29,7 @@ pub use failure::{Failure, write};
 pub(crate) use failure::{tagged, write_tables};
 pub use readings::{add_noise, measured};
 
-/// What numbers depend on besides the options of a study.
+/// The properties of the build on which results depend, in addition to the options of a study.
 pub fn build() -> serde_json::Value {
     serde_json::json!({
         "version": env!("CARGO_PKG_VERSION"),

@@ -1,4 +1,4 @@
-//! Progress bars on standard error, if that is a terminal.
+//! Progress bars on standard error if that is a terminal.
 
 use std::sync::Mutex;
 use training::samples::Stage;

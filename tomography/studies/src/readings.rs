@@ -1,4 +1,4 @@
-//! Voltages as a rig returns them.
+//! Conversion of voltages to readings and frames.
 
 use std::time::{Duration, SystemTime};
 
@@ -6,12 +6,12 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use survey::{Amps, Frame, Precautions, Reading, Settings, Volts};
 
-/// Valid readings.
+/// Valid readings with these voltages, V.
 pub fn measured(volts: &[f64]) -> Vec<Reading> {
     volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
 }
 
-/// A frame with these readings, like those of a rig.
+/// A frame with these readings, as a rig would return it.
 pub(crate) fn plain_frame(
     readings: Vec<Reading>,
     protocol_hash: String,
@@ -39,14 +39,14 @@ pub(crate) fn plain_frame(
     }
 }
 
-/// Adds white noise, standard deviation in V.
+/// Adds white noise with a standard deviation of `noise_v`, V.
 pub fn add_noise<'a>(
     volts: impl IntoIterator<Item = &'a mut f64>,
     noise_v: f64,
     random: &mut ChaCha8Rng,
 ) {
     let Ok(noise) = Normal::new(0.0, noise_v) else {
-        return; // not a finite number: there is none to add
+        return; // `noise_v` is negative or not finite; nothing is added
     };
     for value in volts {
         *value += noise.sample(random);

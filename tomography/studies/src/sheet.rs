@@ -1,4 +1,4 @@
-//! The sheet of the methods, and its protocol.
+//! The model's sheet and protocol.
 
 use eit::Preset;
 use imaging::Geometry;
@@ -6,7 +6,7 @@ use survey::Protocol;
 
 use crate::failure::Failure;
 
-/// The default sheet on the mesh of the methods.
+/// The default sheet on the model's mesh.
 pub(crate) fn geometry() -> Result<Geometry, Failure> {
     Geometry::from_preset(&Preset::default())
         .map_err(|fault| Failure::of("the model's sheet", &fault))

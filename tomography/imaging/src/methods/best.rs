@@ -14,8 +14,8 @@ use crate::conditions::Conditions;
 use crate::error::BuildError;
 use crate::settings::{ReconstructionSettings, Unknowns};
 
-/// Largest share of the squared change that losses alone may leave unexplained. Frames of losses of many shapes leave up to
-/// 0.12, those of a tank with one conducting object (Kuopio) 0.32 or more.
+/// Largest share of the squared change that losses alone may leave unexplained. Frames of losses of many shapes leave
+/// up to 0.12, those of a tank with one conducting object (Kuopio) 0.32 or more.
 const GAIN: f64 = 0.2;
 
 pub(super) fn prepare(

@@ -13,8 +13,8 @@ pub(super) struct MapValues {
     pub(super) ppi: Option<[f64; 2]>,
 }
 
-/// One entry for each region of the surface. `loads`: one value for each triangle, none negative; `threshold`: the least
-/// value of a loaded triangle, in the same unit.
+/// One entry for each region of the surface. `loads`: one value for each triangle, none negative; `threshold`: the
+/// least value of a loaded triangle, in the same unit.
 pub(super) fn of_map(
     surface: &Surface,
     loads: &[f64],

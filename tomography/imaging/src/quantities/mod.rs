@@ -4,9 +4,9 @@
 //! Lengths in results are mm, areas mm2, pressures kPa, loads N; without a calibration values are relative losses of
 //! conductance and a load is their integral, mm2. A gain of conductance counts as no load.
 //!
-//! Formulas: ISO/TR 16840-9:2015 (contact area, load, mean, dispersion, variation), the BodiTrak manual (peak pressure index
-//! over 9 to 10 cm2, threshold of 5 mmHg), Peterson et al., JRRD 50(4), 2013 (unrelieved area); dose is the pressure-time
-//! integral above the threshold (Reswick and Rogers, 1976).
+//! Formulas: ISO/TR 16840-9:2015 (contact area, load, mean, dispersion, variation), the BodiTrak manual (peak pressure
+//! index over 9 to 10 cm2, threshold of 5 mmHg), Peterson et al., JRRD 50(4), 2013 (unrelieved area); dose is the
+//! pressure-time integral above the threshold (Reswick and Rogers, 1976).
 
 mod course;
 mod deviation;

@@ -122,7 +122,8 @@ fn a_hertz_contact_has_its_closed_form() {
 fn a_slope_has_its_gradient_and_a_corner_clips_the_disc() {
     let surface = surface(&[]);
     let centroids = surface.adjacency().centroids().to_vec();
-    // 0.05 kPa per mm along x: exact inside of the sheet; at a corner of the sheet the means of unequal triangles are 2.4 % off
+    // 0.05 kPa per mm along x: exact inside of the sheet; at a corner of the sheet the means of unequal triangles are
+    // 2.4 % off
     let slope: Vec<f64> = centroids.iter().map(|[x, _]| 50.0 * x).collect();
     near(
         of(&surface, &slope)[0].values.get(Quantity::Gradient),

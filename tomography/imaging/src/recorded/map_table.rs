@@ -47,8 +47,8 @@ impl DeviationSummary {
     }
 }
 
-/// A time in a table: UTC, always with six digits of seconds, because readers infer the format of a column from its first
-/// row (`pandas.to_datetime` refuses a mix). A session keeps times in microseconds.
+/// A time in a table: UTC, always with six digits of seconds, because readers infer the format of a column from its
+/// first row (`pandas.to_datetime` refuses a mix). A session keeps times in microseconds.
 pub fn table_time(time: DateTime<Utc>) -> String {
     time.to_rfc3339_opts(SecondsFormat::Micros, true)
 }

@@ -260,8 +260,8 @@ impl Recording {
         self.first_time().is_some()
     }
 
-    /// When the baseline was recorded, s, for [`Tracking`](crate::Tracking): its own time, or that of the first frame; 0
-    /// without times.
+    /// When the baseline was recorded, s, for [`Tracking`](crate::Tracking): its own time, or that of the first frame;
+    /// 0 without times.
     pub fn baseline_s(&self) -> f64 {
         let time = self.baseline_at.or_else(|| self.first_time());
         time.map_or(0.0, seconds)

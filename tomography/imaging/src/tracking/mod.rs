@@ -134,8 +134,8 @@ pub struct TrackedFrame {
 }
 
 impl Tracking {
-    /// Fits the sheet to its first baseline, recorded without load at `at_s` (s, on any clock that frames have too). `noise_v`:
-    /// standard deviation of one reading, in the unit of the baseline.
+    /// Fits the sheet to its first baseline, recorded without load at `at_s` (s, on any clock that frames have too).
+    /// `noise_v`: standard deviation of one reading, in the unit of the baseline.
     ///
     /// # Errors
     /// A baseline with missing readings, or a sheet that cannot be solved.
@@ -193,8 +193,8 @@ impl Tracking {
         Ok(DriftSummary::new(&self.tracker.kinds(days)?))
     }
 
-    /// Updates the tracked baseline with a frame taken at `at_s`, s. Every frame must be given, in order, because each update starts from
-    /// the previous one.
+    /// Updates the tracked baseline with a frame taken at `at_s`, s. Every frame must be given, in order, because each
+    /// update starts from the previous one.
     ///
     /// # Errors
     /// A covariance that cannot be factored; a frame of another length. A frame with too few readings is not

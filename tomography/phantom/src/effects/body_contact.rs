@@ -7,8 +7,9 @@
 //! (2.5 %) act immediately, with an error below 1e-3 from 0.02 tau on. The conductance is sigma (1 - alpha T) as in
 //! `temperature`.
 //!
-//! +8 degC under a body, tau 1 to 10 min, alpha -0.05 to -0.4 % per degC (fact sheet, section 2.3). Conduction along
-//! the sheet, sqrt(D t) or some millimetres in an hour, is ignored. Every load is treated as a body.
+//! Typical values: 8 degC above the room's temperature under a body, tau 1 to 10 min, alpha -0.05 to -0.4 % per degC
+//! (fact sheet, section 2.3). Conduction along the sheet, sqrt(D t) or some millimetres in an hour, is ignored. Every
+//! load is treated as a body.
 
 use std::f64::consts::PI;
 use std::time::Duration;

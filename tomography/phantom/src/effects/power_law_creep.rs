@@ -2,10 +2,11 @@
 //!
 //! Stress relaxes as t^-n, strain grows as t^n, n = 0.02 to 0.1 (fact sheet, section 2.4): a step of the log loss e
 //! becomes e (1 + t / t_0)^n, without a final time constant. Changes are superposed (Boltzmann), so the loss decays as
-//! slowly after the load is removed. The law is approximated by a sum of exponentials: (1 + s)^n is 1 plus
-//! n / Gamma(1 - n) times the integral of u^(-n-1) e^-u (1 - e^-su) du, computed by the trapezoid rule in ln u with three
-//! points per decade. The error is below 1e-5 for t up to a century. The update of each exponential is exact for any
-//! step, as in `creep`.
+//! slowly after the load is removed.
+//!
+//! The law is approximated by a sum of exponentials: (1 + s)^n is 1 plus n / Gamma(1 - n) times the integral of
+//! u^(-n-1) e^-u (1 - e^-su) du, computed by the trapezoid rule in ln u with three points per decade. The error is below
+//! 1e-5 for t up to a century. The update of each exponential is exact for any step, as in `creep`.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Figures of merit of a method's maps: per frame, and their means over a set.
+//! Figures of merit of a method's maps, for each frame and as means over a set.
 
 use eit::metrics::likeness;
 use serde::{Deserialize, Serialize};
@@ -21,13 +21,13 @@ pub struct OfFrame {
     /// Norm of the difference from the truth over the norm of the truth; NaN for a truth without a load.
     #[serde(with = "any_f64")]
     pub relative_error: f64,
-    /// Overlap of the parts at or above half of the largest loss.
+    /// Dice coefficient of the parts at or above half of the largest loss.
     #[serde(with = "any_f64")]
     pub dice: f64,
     /// Structural similarity of the rasters.
     #[serde(with = "any_f64")]
     pub ssim: f64,
-    /// Amplitude, position error, resolution, shape deformation, ringing; `None` if the map shows nothing to measure.
+    /// Amplitude, position error, resolution, shape deformation, ringing (GREIT); `None` if the map shows no loss.
     pub greit: Option<[f64; 5]>,
     /// The largest loss of the map, relative.
     #[serde(with = "any_f64")]
@@ -37,34 +37,35 @@ pub struct OfFrame {
 /// Means over the frames of one set, for one method.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Figures {
-    /// The set and its noise.
+    /// Name and noise of the set.
     pub set: String,
     /// The method.
     pub method: String,
     /// Number of frames.
     pub frames: usize,
-    /// Mean location error.
+    /// Mean location error, mm.
     #[serde(with = "any_f64")]
     pub error_mm: f64,
-    /// Largest location error.
+    /// Largest location error, mm.
     #[serde(with = "any_f64")]
     pub worst_mm: f64,
     /// Correlation of the map with the truth, weighted by area.
     #[serde(with = "any_f64")]
     pub correlation: f64,
-    /// Norm of the difference from the truth over the norm of the truth, of the frames with a true load; NaN without one.
+    /// Norm of the difference from the truth over the norm of the truth, mean over the frames with a true load; NaN if
+    /// there are none.
     #[serde(with = "any_f64")]
     pub relative_error: f64,
-    /// Overlap of the parts at or above half of the largest loss.
+    /// Dice coefficient of the parts at or above half of the largest loss.
     #[serde(with = "any_f64")]
     pub dice: f64,
     /// Structural similarity of the rasters.
     #[serde(with = "any_f64")]
     pub ssim: f64,
-    /// NaN if no map shows anything to measure.
+    /// Figures of GREIT, as in [`OfFrame::greit`]; NaN if no map shows a loss.
     #[serde(with = "five")]
     pub greit: [f64; 5],
-    /// Median time per frame.
+    /// Median time per frame, ms.
     #[serde(with = "any_f64")]
     pub ms: f64,
 }
@@ -85,7 +86,7 @@ mod five {
     }
 }
 
-/// Figures of every frame.
+/// The figures of every frame.
 ///
 /// # Errors
 /// A raster without a pixel.
@@ -130,7 +131,7 @@ pub fn of_frames(judged: &Judged) -> Result<Vec<OfFrame>, Failure> {
         .collect()
 }
 
-/// Their means.
+/// Means of the figures over all frames.
 pub fn figures(name: &str, judged: &Judged, frames: &[OfFrame]) -> Figures {
     let mean = |value: fn(&OfFrame) -> f64| average(frames.iter().map(value));
     let errors = || frames.iter().filter_map(|frame| frame.error_mm);

@@ -17,9 +17,9 @@ use imaging::Model;
 use imaging::recorded::{BaselineRule, FrameTable, TableOptions, one_current};
 use training::noise_figure::by_draws;
 
-/// Noise assumed for noise-free frames, V: with zero noise a method would fit its model error.
+/// Noise stated for frames without noise, V; with zero noise a method would fit the error of its model.
 const LEAST_NOISE: f64 = 2e-6;
-/// Columns of `presses.csv` with the place of a press.
+/// Columns of `presses.csv` with the position of a press.
 const PRESS_PLACE: Range<usize> = 1..3;
 
 /// One frame of a test set.
@@ -38,7 +38,7 @@ pub struct Frame {
 pub struct Judged {
     /// The test set's case.
     pub case: Case,
-    /// Name and noise of the set, for people.
+    /// Displayed name and noise of the set.
     pub set: String,
     /// The frames after the baseline.
     pub frames: Vec<Frame>,
@@ -48,8 +48,8 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// The method's own noise figure; for a method without one, by draws of this set's noise, which takes the time of
-    /// several frames.
+    /// The noise figure of the method. For a method without one it is estimated by draws of this set's noise, which
+    /// takes the time of several frames.
     pub fn noise_figure(&self) -> Option<f64> {
         let method = self.model.reconstructor.as_ref();
         method
@@ -57,7 +57,7 @@ impl Judged {
             .or_else(|| by_draws(method, &self.case, self.noise_v, self.model.slow))
     }
 
-    /// Share of the frames that the method reports as novel.
+    /// Share of the frames that the method reports as novel; `None` if it does not report novelty.
     pub fn novel_share(&self) -> Option<f64> {
         let outside = |(_, frame): &(String, Vec<Reading>)| {
             let novelty = self
@@ -72,8 +72,8 @@ impl Judged {
     }
 }
 
-/// Runs a method, given as arguments of `reconstruct`; the truth is read afterwards. A frame that the method refuses is
-/// an error.
+/// Runs a method, given as arguments of `reconstruct`. The truth is read after the method was prepared and is not
+/// passed to it. A frame that the method refuses is an error.
 ///
 /// # Errors
 /// An unreadable folder, invalid options, or a refused frame.
@@ -93,7 +93,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
     let description = test_set::description(folder)?;
     let mut with_noise = words.to_vec();
-    // the paper's own step ignores the noise
+    // `tv-paper` does not use the noise
     if words[0] == "--method" && words.get(1).is_none_or(|method| method != "tv-paper") {
         let noise_v = description.noise_v.max(LEAST_NOISE);
         with_noise.extend(["--noise-v".to_owned(), noise_v.to_string()]);
@@ -134,7 +134,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
             )),
         }
     };
-    // fast methods run sequentially, so that their times do not influence each other
+    // fast methods run sequentially, so that the frames do not change each other's time
     let maps: Vec<Option<(Map, f64)>> = if model.slow {
         (0..truths.len())
             .into_par_iter()
@@ -173,8 +173,8 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     })
 }
 
-/// The numbers in these columns, without a header: a row for each frame after the baseline. Other columns may have any text, or with
-/// `only` may not be there.
+/// The numbers in these columns of a file without a header, one row for each frame after the baseline. Other columns
+/// may contain any text; with `only` they must not exist.
 fn rows(
     path: &Path,
     count: usize,

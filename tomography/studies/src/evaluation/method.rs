@@ -1,5 +1,5 @@
 //! A method given as command-line options, prepared for a case and its frames. `linear` and `rbf` are trained here for
-//! the case, which no other program does; `imaging` prepares all others.
+//! the case, unlike in other programs; `imaging` prepares all other methods.
 
 use clap::{Args, Parser};
 use eit::{Case, Jitter, TrainingSettings};
@@ -13,7 +13,7 @@ use training::{Cached, linear, rbf, single_current};
 use crate::failure::Failure;
 use crate::progress;
 
-/// Simulated cases of a training, unless another number is stated.
+/// Default number of simulated cases of a training.
 const CASES: usize = 15_000;
 
 /// A method and its options.
@@ -94,8 +94,8 @@ impl MethodOptions {
         Ok(model)
     }
 
-    /// A trained model with the sheet by which its maps are judged, and the drift of each frame removed where that is asked for. A
-    /// baseline that is not of the sheet leaves its maps without quality.
+    /// Adds to a trained model the quality check of its maps, and removal of the drift of each frame if requested. If
+    /// the baseline does not match the sheet, maps have no quality.
     fn on_sheet(
         &self,
         mut model: Model,
@@ -118,10 +118,10 @@ impl MethodOptions {
         imaging::judging(model, &settings, &conditions).map_err(not_built)
     }
 
-    /// The baseline of a recording, to be followed from a time on, s.
+    /// The tracked baseline of a recording, starting at a time, s.
     ///
     /// # Errors
-    /// A noise that is neither stated nor shown by the baseline, or a sheet that does not match it.
+    /// A noise that is neither stated nor measurable from the baseline, or a sheet that does not match the baseline.
     pub fn tracking(
         &self,
         case: &Case,
@@ -146,7 +146,7 @@ impl MethodOptions {
         imaging::map_noise(model, &unloaded.readings, noise)
     }
 
-    /// The case's geometry with the conductance that is named.
+    /// The case's geometry with the conductance given by `--sigma0`.
     fn geometry(&self, case: &Case) -> Result<Geometry, Failure> {
         let mut geometry = Geometry::of_case(case, "the case".to_owned());
         if let Some(name) = &self.sigma0 {
@@ -183,7 +183,7 @@ impl MethodOptions {
         Ok(rbf::cached(case, &settings, &show)?)
     }
 
-    /// Refuses a conductance for a trained model.
+    /// Refuses `--sigma0` for a trained model.
     fn no_sigma0(&self, with: &str) -> Result<(), Failure> {
         match &self.sigma0 {
             None => Ok(()),
@@ -193,7 +193,7 @@ impl MethodOptions {
         }
     }
 
-    /// Refuses a number of cases where nothing is trained.
+    /// Refuses `--cases` for a method that is not trained for the case.
     fn no_cases(&self, with: &str) -> Result<(), Failure> {
         match self.cases {
             None => Ok(()),
@@ -211,7 +211,7 @@ fn trained(cached: Cached, loss_only: bool) -> Model {
     model
 }
 
-/// A setting without effect is a usage error; all other errors are not.
+/// Converts an error: [`BuildError::Setting`] is a usage error, all others are not.
 fn not_built(error: BuildError) -> Failure {
     match error {
         BuildError::Setting(text) => Failure::usage(text),

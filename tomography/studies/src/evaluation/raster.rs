@@ -1,20 +1,21 @@
-//! Maps as pixels, for SSIM and GREIT's figures.
+//! Maps as raster images, for SSIM and the figures of GREIT.
 
 use eit::metrics::Image;
 use eit::{Case, bounding_box};
 
 use crate::failure::Failure;
 
-/// Pixels along the longer side.
+/// Number of pixels along the longer side.
 const PIXELS: usize = 64;
 
-/// Pixels over the sheet's bounding box; on the sheet but outside the region a map is 0.
+/// A raster over the sheet's bounding box. On the sheet outside of the region the map is 0.
 pub(super) struct Raster {
     rows: usize,
     columns: usize,
     low: [f64; 2],
     high: [f64; 2],
-    /// `None` outside the sheet; otherwise the index in the region, or none outside the region.
+    /// For each pixel: `None` outside of the sheet, `Some(None)` on the sheet outside of the region, otherwise the
+    /// index of its triangle in the region.
     pixels: Vec<Option<Option<usize>>>,
 }
 
@@ -68,7 +69,7 @@ impl Raster {
         }
     }
 
-    /// The image of a map, losses positive.
+    /// The image of a map, with losses as positive values.
     pub(super) fn image(&self, map: &[f64]) -> Result<Image, Failure> {
         let values: Vec<Vec<f64>> = (0..self.rows)
             .map(|i| {
@@ -84,7 +85,7 @@ impl Raster {
         Image::new(&values).map_err(|fault| Failure::of("the raster", &fault))
     }
 
-    /// A position on the sheet (m) in the raster's [-1, 1].
+    /// A position on the sheet (m) in the raster's coordinates, -1 to 1.
     pub(super) fn place(&self, at: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| {
             2.0 * (at[axis] - self.low[axis]) / (self.high[axis] - self.low[axis]) - 1.0

@@ -1,4 +1,4 @@
-//! Means, deviations and quantiles.
+//! Means, standard deviations and quantiles.
 
 /// Mean and standard deviation.
 pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
@@ -17,12 +17,12 @@ pub fn average(values: impl Iterator<Item = f64>) -> f64 {
     sum / count
 }
 
-/// The mean of the values that are known, that is not NaN; NaN where none is.
+/// The mean of the values that are not NaN; NaN if there are none.
 pub(super) fn average_of_known(values: impl Iterator<Item = f64>) -> f64 {
     average(values.filter(|value| !value.is_nan()))
 }
 
-/// The value below which this share of the values lies; NaN without values.
+/// The quantile of the values at `share`, 0 to 1; NaN without values. Sorts `values`.
 pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let at = share * (values.len().max(1) - 1) as f64;

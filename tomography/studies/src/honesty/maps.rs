@@ -1,4 +1,4 @@
-//! How near maps are to the truth: methods against kinds of load, with and without a stated noise.
+//! Accuracy of maps: methods against kinds of load, with and without a stated noise.
 
 use std::collections::BTreeMap;
 use std::f64::consts::SQRT_2;
@@ -21,15 +21,15 @@ use crate::{Failure, add_noise, measured, progress};
 
 const ALL_LOADS: &str = "all loads together";
 
-/// What a method is told about the noise.
+/// The noise that is stated to a method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stated {
     /// The true noise.
     Noise,
-    /// Nothing.
+    /// No noise.
     Nothing,
-    /// The true noise; one hyper-parameter for all frames is derived from it.
+    /// The true noise, from which one hyper-parameter for all frames is derived.
     NoiseAlone,
 }
 
@@ -87,30 +87,32 @@ impl MapMethod {
     }
 }
 
-/// Maps of one method of one kind of load.
+/// Results of one method for one kind of load.
 #[derive(Debug, Clone, Serialize)]
 pub struct MapRow {
     /// The method.
     pub method: MapMethod,
-    /// What it is told about the noise.
+    /// The noise that is stated to it.
     pub stated: Stated,
-    /// The kind of load, or all together.
+    /// The kind of load, or all kinds together.
     pub load: &'static str,
-    /// Noise of a reading, uV; `None`: frames of all noises together.
+    /// Noise of a reading, uV; `None` for frames of all noises together.
     pub noise_uv: Option<f64>,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Mean correlation of map and truth over the region; without a load the largest loss of the maps.
+    /// Mean correlation of map and truth over the region; without a load the mean of the maps' largest losses.
     pub mean: f64,
-    /// Its standard error.
+    /// Standard error of the mean.
     pub error: f64,
-    /// The smallest correlation of a map that is called sound and shows something; without a load the largest loss of one.
+    /// The smallest correlation of a map judged sound that shows a load; without a load the largest loss of a map
+    /// judged sound.
     pub worst_sound: Option<f64>,
-    /// Maps called sound; with a load, of those that show something.
+    /// Number of maps judged sound; with a load only of those that show a load.
     pub sound: usize,
-    /// Maps whose largest loss is above the threshold of significance, which other draws of the noise give: the others show nothing.
+    /// Number of maps whose largest loss is above the significance threshold, which is computed from other draws of the
+    /// noise.
     pub above_noise: Option<usize>,
-    /// Maps by the method that they name.
+    /// Number of maps by the method that they name.
     pub methods: BTreeMap<String, usize>,
     /// Median time of a frame, ms.
     pub median_ms: f64,
@@ -125,7 +127,7 @@ struct Trial {
     truth: Vec<f64>,
 }
 
-/// A method with its threshold of significance.
+/// A method with its significance threshold.
 struct PreparedMethod {
     method: MapMethod,
     stated: Stated,
@@ -133,19 +135,19 @@ struct PreparedMethod {
     threshold: Option<f64>,
 }
 
-/// One map, judged.
+/// Results for one map.
 struct Judged {
-    /// Correlation; without a load the largest loss.
+    /// Correlation with the truth; without a load the largest loss.
     value: f64,
-    /// Called sound; with a load only if it shows something.
+    /// Judged sound; with a load only if the map shows a load.
     sound: bool,
-    /// Whether the largest loss is above the threshold of significance.
+    /// Whether the largest loss is above the significance threshold.
     above: bool,
     method: String,
     ms: f64,
 }
 
-/// Maps of all methods.
+/// The rows of all methods and kinds of load.
 pub(super) fn rows(
     settings: &Settings,
     maps: &MapSettings,
@@ -180,7 +182,7 @@ pub(super) fn rows(
             .collect::<Result<_, Failure>>()?;
         let mut of_all: Vec<Vec<Judged>> = models.iter().map(|_| Vec::new()).collect();
         for &kind in &maps.kinds {
-            // after the series of the check of maps
+            // these series of random numbers follow those of the quality check
             let series = 1 << 16 | (level as u64) << 8 | kind as u64;
             let trials: Vec<Trial> = (0..maps.count)
                 .into_par_iter()
@@ -244,7 +246,7 @@ fn prepared(
     build(&settings, &conditions).map_err(|fault| Failure::of(method.name(), &fault))
 }
 
-/// Threshold of significance of maps whose baseline is one frame.
+/// Significance threshold of maps whose baseline is one frame.
 fn threshold(model: &Model, noise_uv: f64, sheet: &FineSheet) -> Option<f64> {
     let volts: Vec<f64> = sheet.unloaded.iter().map(|ohms| CURRENT * ohms).collect();
     map_noise(model, &measured(&volts), SQRT_2 * 1e-6 * noise_uv)

@@ -1,7 +1,7 @@
-//! Tests of the quality verdicts of maps (`tactus-lab honesty`): healthy frames must be called sound, and faults must be found and
-//! named. Also compares maps of many kinds of load with the truth.
+//! Tests of the quality verdicts of maps (`tactus-lab honesty`): healthy frames must be judged sound, and faults must
+//! be detected and named. In addition maps of many kinds of load are compared with the truth.
 //!
-//! All data come from a sheet with a finer, different mesh than the model's, with noise on baseline and frame.
+//! All frames are simulated on a finer mesh than the model's, with noise on baseline and frame.
 
 mod maps;
 mod quality;
@@ -20,44 +20,44 @@ pub use quality::QualityRow;
 pub use sheet::FineSheet;
 pub use target::TargetKind;
 
-/// How much is judged.
+/// Extent of the study.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// Seed of loads and noise.
     pub seed: u64,
-    /// Healthy frames at each noise.
+    /// Number of healthy frames at each noise.
     pub healthy: usize,
-    /// Frames of each fault at each noise.
+    /// Number of frames of each fault at each noise.
     pub faulty: usize,
-    /// Noise of a reading, uV.
+    /// Noises of a reading, uV.
     pub noises_uv: Vec<f64>,
-    /// Maps compared with the truth; `None`: only the check of maps.
+    /// Maps that are compared with the truth; `None` for the quality check alone.
     pub maps: Option<MapSettings>,
 }
 
 /// Which maps are compared with the truth.
 #[derive(Debug, Clone)]
 pub struct MapSettings {
-    /// Frames of each kind of load at each noise.
+    /// Number of frames of each kind of load at each noise.
     pub count: usize,
     /// Kinds of load.
     pub kinds: Vec<TargetKind>,
     /// The methods.
     pub methods: Vec<MapMethod>,
-    /// Whether methods are also judged without a stated noise, and with a strength from the noise alone.
+    /// Whether methods are also run without a stated noise, and with a hyper-parameter derived from the noise alone.
     pub unstated: bool,
 }
 
 /// The results.
 #[derive(Debug)]
 pub struct Report {
-    /// The check of maps.
+    /// The quality check.
     pub quality: Vec<QualityRow>,
-    /// Maps and the truth.
+    /// Maps compared with the truth.
     pub maps: Vec<MapRow>,
 }
 
-/// Judges the frames.
+/// Runs the study.
 ///
 /// # Errors
 /// A sheet that cannot be computed.
@@ -108,7 +108,7 @@ impl Report {
         text
     }
 
-    /// The tables as JSON, one object a row.
+    /// The tables as JSON, one object per row.
     pub fn lines(&self) -> Vec<serde_json::Value> {
         tagged("quality", &self.quality)
             .chain(tagged("maps", &self.maps))

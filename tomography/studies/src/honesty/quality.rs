@@ -1,4 +1,5 @@
-//! The check of maps on healthy frames, where it must say nothing, and on faults that it must find and name.
+//! The quality check on healthy frames, which must have no reasons for doubt, and on faults, which must be detected and
+//! named.
 
 use std::collections::BTreeMap;
 
@@ -14,23 +15,23 @@ use super::Settings;
 use super::sheet::{CURRENT, FineSheet, Kind, random};
 use crate::{Failure, add_noise, measured, progress};
 
-/// Faults of a rig that maps must not hide.
+/// Faults of a rig that must be detected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
     None,
-    /// Each injection's gain moves by 1e-3 (standard deviation) after the baseline.
+    /// The gain of each injection changes by 1e-3 (standard deviation) after the baseline.
     Gains,
     /// One contact impedance is ten times as large as in the baseline.
     Contact,
     /// The readings of one electrode are noise after the baseline.
     Dead,
-    /// And in the baseline.
+    /// The readings of one electrode are noise, also in the baseline.
     DeadInBaseline,
     /// One sense pair has 50 times the noise.
     NoisyPair,
-    /// The stated noise is a tenth of the readings'.
+    /// The stated noise is a tenth of the true one.
     StatedTooSmall,
-    /// The stated noise is ten times the readings'.
+    /// The stated noise is ten times the true one.
     StatedTooLarge,
 }
 
@@ -68,7 +69,7 @@ impl Fault {
     }
 }
 
-/// Frames of one group with their verdicts.
+/// Verdicts on the frames of one group.
 #[derive(Debug, Clone, Serialize)]
 pub struct QualityRow {
     /// Noise of a reading, uV.
@@ -77,15 +78,15 @@ pub struct QualityRow {
     pub what: &'static str,
     /// Whether the frames are healthy.
     pub healthy: bool,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Frames that are doubtful or unreliable.
+    /// Number of frames judged doubtful or unreliable.
     pub not_sound: usize,
-    /// Frames that are unreliable.
+    /// Number of frames judged unreliable.
     pub unreliable: usize,
-    /// Frames whose electrode or pair is named, of faults that have one.
+    /// Number of frames whose faulty electrode or pair is named; `None` for faults without one.
     pub named: Option<usize>,
-    /// Frames by kind of reason.
+    /// Number of frames by kind of reason.
     pub reasons: BTreeMap<String, usize>,
 }
 
@@ -120,7 +121,7 @@ impl QualityRow {
     }
 }
 
-/// A frame and what must be found in it.
+/// A frame, and the fault that must be detected.
 struct Trial {
     baseline: Vec<f64>,
     frame: Vec<f64>,
@@ -128,7 +129,7 @@ struct Trial {
     blamed: Option<Electrode>,
 }
 
-/// Judges frames without fault and with each fault, at each noise, by the one-step method.
+/// Judges frames without a fault and with each fault, at each noise, with the one-step method.
 pub(super) fn rows(
     settings: &Settings,
     sheet: &FineSheet,
@@ -152,7 +153,7 @@ pub(super) fn rows(
                 .into_par_iter()
                 .map(|frame| {
                     let random = &mut random(settings.seed, series, frame as u64);
-                    // a fault is looked for under the paper's smallest press, or on an empty sheet
+                    // faulty frames have the paper's smallest press or no load
                     let kind = match (fault, frame % 2) {
                         (Fault::None, _) => Kind::ALL[frame % Kind::ALL.len()],
                         (_, 0) => Kind::Press,

@@ -1,4 +1,4 @@
-//! The sheet that makes data for judging: a finer, different mesh than the model's, with loads of many shapes.
+//! The sheet on which frames are simulated: a finer, different mesh than the model's, with loads of many shapes.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::Failure;
 
 /// Current of the frames, A.
 pub(super) const CURRENT: f64 = 1e-3;
-/// Distance from an electrode, m, from which a load does not touch its surroundings.
+/// A load within this distance of an electrode, m, counts as a load at the electrode.
 const FAR: f64 = 8e-3;
 
 /// The paper's sheet on a mesh that is finer than, and different from, the model's.
@@ -21,20 +21,20 @@ pub struct FineSheet {
     conductance: f64,
     pub(super) protocol: Protocol,
     centroids: Vec<[f64; 2]>,
-    /// Smallest and largest of each coordinate of the centroids.
+    /// Smallest and largest value of each coordinate of the centroids, m.
     bounds: [[f64; 2]; 2],
     electrodes: Vec<[f64; 2]>,
-    /// Readings at 1 A of the sheet without load.
+    /// Readings of the unloaded sheet at 1 A, V.
     pub(super) unloaded: Vec<f64>,
 }
 
-/// Kinds of load, drawn in turn.
+/// Kinds of load, used in turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Discs(usize),
     Blob,
     Ramp,
-    /// 1 % of the whole sheet, and a press of 10 mm.
+    /// A change of the whole sheet by 1 %, and a press of 10 mm.
     SheetChange,
     SquareRing,
     /// A press over an electrode.
@@ -83,7 +83,7 @@ pub(super) struct Load {
 }
 
 impl FineSheet {
-    /// Solves for the sheet without load.
+    /// Solves the unloaded sheet.
     ///
     /// # Errors
     /// A sheet that cannot be computed, or a protocol for another number of electrodes.
@@ -119,7 +119,7 @@ impl FineSheet {
         self.forward.mesh()
     }
 
-    /// The factor of the conductance of each triangle, from its centroid (m).
+    /// The factor of the conductance of each triangle, as a function of its centroid (m).
     pub fn factors(&self, factor: impl Fn([f64; 2]) -> f64) -> Vec<f64> {
         self.centroids.iter().map(|at| factor(*at)).collect()
     }
@@ -132,7 +132,7 @@ impl FineSheet {
         self.solved(&self.forward, factors)
     }
 
-    /// The same with a contact impedance of one electrode that is so many times its own.
+    /// As [`FineSheet::readings`], with the contact impedance of one electrode multiplied by a factor.
     pub(super) fn readings_with_contact(
         &self,
         factors: &[f64],
@@ -217,7 +217,7 @@ impl FineSheet {
             }
             Kind::Nothing => {}
         }
-        // a ramp changes every electrode a little, which no contact explains
+        // a ramp changes the surroundings of every electrode a little, which no contact explains
         let at_electrode = kind != Kind::Ramp
             && self.centroids.iter().zip(&factors).any(|(at, factor)| {
                 *factor < 1.0 - 1e-3 && self.electrodes.iter().any(|e| away(*at, *e) < FAR)
@@ -241,7 +241,7 @@ pub(super) fn away(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// Random numbers of one frame of one series.
+/// The random stream of one frame of one series.
 pub(super) fn random(seed: u64, series: u64, frame: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(series << 32 | frame);

@@ -1,4 +1,4 @@
-//! Loads of many shapes with their true maps, for judging reconstructions.
+//! Loads of many shapes with their true maps, for the comparison of reconstructions.
 
 use std::f64::consts::TAU;
 
@@ -47,7 +47,7 @@ pub enum TargetKind {
 }
 
 impl TargetKind {
-    /// Name for people.
+    /// Displayed name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Press10 => "press of 10 mm",
@@ -69,16 +69,16 @@ impl TargetKind {
     }
 }
 
-/// Places of the region, m.
+/// Lowest and highest corner of the region, m.
 type Bounds = [[f64; 2]; 2];
 
-/// A load: the share of the conductance that is lost at each place (m).
+/// A load: the share of the conductance that is lost, as a function of the position (m).
 pub(super) struct Target {
     loss: Box<dyn Fn([f64; 2]) -> f64 + Sync>,
 }
 
 impl Target {
-    /// Draws a load of this kind for maps of this mesh.
+    /// Draws a load of this kind within the region of this mesh.
     pub(super) fn draw(kind: TargetKind, mesh: &Mesh, random: &mut ChaCha8Rng) -> Self {
         let bounds = test_set::bounds(mesh).map(|corner| corner.map(|mm| 1e-3 * mm));
         let loss = random.random_range(0.2..0.8);
@@ -197,14 +197,15 @@ impl Target {
         }
     }
 
-    /// The relative change of each of these triangles of a mesh: the mean over 16 places in it.
+    /// The relative change of each of these triangles of a mesh: the mean over 16 points in the triangle.
     pub(super) fn change(&self, mesh: &Mesh, triangles: impl Iterator<Item = usize>) -> Vec<f64> {
         let mean = |losses: [f64; 16]| -losses.iter().sum::<f64>() / losses.len() as f64;
         triangles.map(|t| mean(self.losses(mesh, t))).collect()
     }
 
-    /// The factor of the conductance of each triangle of a mesh, for its readings: the geometric mean over 16 places in it.
-    /// Current crosses the border of a load in all directions; the arithmetic mean is that of current along it.
+    /// The factor of the conductance of each triangle of a mesh, for the simulation of readings: the geometric mean
+    /// over 16 points in the triangle. Current crosses the border of a load in all directions; the arithmetic mean
+    /// would hold for current along the border.
     pub(super) fn factors(&self, mesh: &Mesh) -> Vec<f64> {
         let mean = |losses: [f64; 16]| {
             let logs = losses.iter().map(|loss| (1.0 - loss).max(1e-9).ln());
@@ -214,7 +215,7 @@ impl Target {
         triangles.map(|t| mean(self.losses(mesh, t))).collect()
     }
 
-    /// The losses at 16 places in a triangle.
+    /// The losses at 16 points in a triangle.
     fn losses(&self, mesh: &Mesh, triangle: usize) -> [f64; 16] {
         let corners = mesh.triangles()[triangle].map(|node| mesh.nodes()[node]);
         sixteenths().map(|shares| {
@@ -224,7 +225,7 @@ impl Target {
     }
 }
 
-/// Barycentric coordinates of the middles of the 16 equal parts of a triangle.
+/// Barycentric coordinates of the centroids of the 16 equal parts of a triangle.
 fn sixteenths() -> [[f64; 3]; 16] {
     let mut places = [[0.0; 3]; 16];
     let mut next = 0;
@@ -245,12 +246,12 @@ fn sixteenths() -> [[f64; 3]; 16] {
 
 type Loss = Box<dyn Fn([f64; 2]) -> f64 + Sync>;
 
-/// A place from which `margin` reaches no border of the region.
+/// A random point at least `margin` from the border of the region, m.
 fn inside([low, high]: Bounds, margin: f64, random: &mut ChaCha8Rng) -> [f64; 2] {
     [0, 1].map(|axis| random.random_range(low[axis] + margin..=high[axis] - margin))
 }
 
-/// Discs with centre, radius and loss; where they overlap, the largest loss counts.
+/// Discs with centre (m), radius (m) and loss; where they overlap, the largest loss applies.
 fn under_discs(discs: Vec<([f64; 2], f64, f64)>) -> Loss {
     Box::new(move |at| {
         let under = discs
@@ -264,7 +265,7 @@ fn press(mesh: &Mesh, diameter_mm: f64, random: &mut ChaCha8Rng) -> Loss {
     outlines(test_set::press(mesh, diameter_mm, random).loads)
 }
 
-/// The loads of a test set; overlaps multiply.
+/// The loads of a test set; the remaining shares under overlapping loads are multiplied.
 fn outlines(loads: Vec<phantom::Load>) -> Loss {
     let outlines: Vec<(Vec<[f64; 2]>, f64)> = loads
         .iter()
@@ -278,7 +279,7 @@ fn outlines(loads: Vec<phantom::Load>) -> Loss {
     })
 }
 
-/// A shape round the origin at a random place and angle.
+/// A shape around the origin, moved to a random position and turned by a random angle.
 fn turned(
     bounds: Bounds,
     reach: f64,
@@ -293,7 +294,7 @@ fn turned(
     })
 }
 
-/// Losses between 0 and at most 0.6: twelve random waves of 60 mm or longer.
+/// Losses between 0 and at most 0.6: the sum of twelve random waves with wavelengths of 60 mm or more.
 fn field(random: &mut ChaCha8Rng) -> Loss {
     let most = random.random_range(0.1..0.6);
     let waves: Vec<[f64; 3]> = (0..12)

@@ -1,5 +1,5 @@
-//! The same frames of a drifting scene by four approaches: the baseline of day 0 alone, gain and contacts projected out, sizes by
-//! evidence, and the tracked baseline. For the diagrams of `tactus-lab tradeoff`.
+//! Evaluates the same frames of a drifting scene by four approaches: the baseline of day 0 alone, gain and contacts
+//! projected out, sizes of the drift by evidence, and the tracked baseline. For the diagrams of `tactus-lab tradeoff`.
 
 use std::sync::Arc;
 
@@ -15,9 +15,9 @@ use super::tracked::{DIAMETERS_MM, LongScene, MAP_SIZE};
 use crate::{Failure, progress, sheet};
 
 const DAY_S: f64 = 86_400.0;
-/// Between the frames of a judged day, s: an empty sheet, a press, an empty sheet.
+/// Interval of the frames of a judged day, s: empty sheet, press, empty sheet.
 const STEP_S: f64 = 600.0;
-/// Error of a press that is not seen, mm: half the diagonal of the sheet.
+/// Error assigned to a press that is not detected, mm: half the diagonal of the sheet.
 const NOT_SEEN_MM: f64 = 157.0;
 
 /// How frames are compared with the baseline.
@@ -47,20 +47,20 @@ impl Approach {
     }
 }
 
-/// What is compared.
+/// Extent of the comparison.
 #[derive(Debug, Clone)]
 pub(crate) struct Request<'a> {
     pub(crate) scenes: &'a [LongScene],
     /// Days of the judged frames, ascending, at times without a load.
     pub(crate) days: &'a [f64],
-    /// Interval of the frames between them, s: the tracker follows all.
+    /// Interval of the frames between the judged days, s; the tracker follows all of them.
     pub(crate) every_s: f64,
-    /// Presses of each diameter on each of these days.
+    /// Number of presses of each diameter on each of these days.
     pub(crate) presses: usize,
     pub(crate) seed: u64,
 }
 
-/// One judged frame by one approach.
+/// Result of one approach for one judged frame.
 #[derive(Debug, Clone)]
 pub(crate) struct Sample {
     pub(crate) scene: LongScene,
@@ -71,12 +71,13 @@ pub(crate) struct Sample {
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Outcome {
-    /// Root mean square of the map of an empty sheet, %.
+    /// Rms of the map of an empty sheet, %.
     Zero(f64),
     Press {
         diameter_mm: f64,
         error_mm: f64,
-        /// Whether a fitted disc is accepted, and its squared distance from the truth in units of its covariance.
+        /// Whether the fitted disc is accepted, and the squared distance of its centre from the truth in units of its
+        /// covariance; `None` for an approach without a fit.
         disc: Option<(bool, f64)>,
     },
 }
@@ -95,7 +96,7 @@ pub(crate) fn samples(request: &Request<'_>) -> Result<Vec<Sample>, Failure> {
     Ok(each.into_iter().flatten().collect())
 }
 
-/// A scene with its tracker, frame by frame.
+/// A scene with its tracker.
 struct Course<'a> {
     simulated: Simulated,
     baseline: Vec<Reading>,
@@ -171,7 +172,7 @@ fn failed(fault: drift::DriftError) -> Failure {
 }
 
 impl Course<'_> {
-    /// The maps of an empty sheet by each approach, as their root mean square, %.
+    /// Rms of the map of an empty sheet by each approach, %.
     fn zeros(&mut self, at_s: f64) -> Result<Vec<(Approach, f64)>, Failure> {
         let frame = self.simulated.frame(at_s, None)?;
         self.tracker.follow(&frame, at_s).map_err(failed)?;
@@ -213,7 +214,7 @@ impl Course<'_> {
         100.0 * (sum / all).sqrt()
     }
 
-    /// A press by each approach: its error, mm, and its fit.
+    /// Evaluates a press by each approach: location error, mm, and fit.
     fn press(
         &mut self,
         at_s: f64,

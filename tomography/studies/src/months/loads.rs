@@ -1,4 +1,5 @@
-//! What the tracked baseline keeps of loads that lie for days or come slowly: their amplitude at the true place, against the first one.
+//! Whether the tracked baseline absorbs loads that remain for days or rise slowly: their amplitude at the true
+//! position, relative to the first one.
 
 use std::sync::Arc;
 
@@ -15,42 +16,44 @@ use super::tracked::LongScene;
 use crate::{Failure, progress};
 
 const DAY_S: f64 = 86_400.0;
-/// Standard deviation of local changes of ln conductance in the maps of a night.
+/// Prior standard deviation of local changes of ln conductance in the maps of a night.
 const MAP_SIZE: f64 = 0.3;
 
-/// A figure of the run of one load.
+/// One result of the run of one load.
 #[derive(Debug, Clone, Serialize)]
 pub struct LoadRow {
     /// The load.
     pub load: String,
-    /// What is measured.
+    /// The measured quantity, with its unit.
     pub what: &'static str,
-    /// Its value, in the unit that `what` names.
+    /// The value, in the unit given by `what`.
     pub value: f64,
-    /// Its goal.
+    /// The goal for the value.
     pub goal: &'static str,
 }
 
-/// The loads that are run.
+/// The loads of the study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
-    /// 60 mm, 30 %, from day 2 to 9, with the night's load beside it.
+    /// A disc of 60 mm with a loss of 30 %, from day 2 to 9, in addition to the night's load.
     Week,
-    /// The night's load of 70 x 50 mm and 40 %, for all days.
+    /// The night's load of 70 x 50 mm with a loss of 40 %, every night.
     Nights,
-    /// 30 mm that takes 20 % in the end, rising from day 8 on for so many days, with the night's load or on an empty sheet.
+    /// A disc of 30 mm whose loss rises to 20 % from day 8 on within `days`, with the night's load or on an empty
+    /// sheet.
     Slow { days: f64, nights: bool },
 }
 
 /// One frame of a run.
 struct Seen {
     day: f64,
-    /// Amplitude of the load at its true place, in the change of ln conductance.
+    /// Amplitude of the load at its true position, as change of ln conductance.
     amplitude: f64,
-    /// The change of ln conductance in its map near the load, summed over the area, mm2; of frames of a night only.
+    /// Integral of the map's change of ln conductance over the area near the load, mm2; NaN except for frames of a
+    /// night.
     of_map_mm2: f64,
     loaded: bool,
-    /// Whether a baseline of the past shows a change at its true place.
+    /// Whether the comparison with an earlier baseline shows a change at the true position.
     anchor: bool,
 }
 
@@ -83,7 +86,7 @@ impl Kind {
         }
     }
 
-    /// Place (mm) and diameter (mm) of the load; the night's rectangle is judged by a disc.
+    /// Position and diameter of the load, mm. The night's rectangle is approximated by a disc.
     fn disc_mm(self) -> ([f64; 2], f64) {
         match self {
             Self::Week => ([60.0, 180.0], 60.0),
@@ -113,7 +116,7 @@ impl Kind {
         }
     }
 
-    /// The load that is pressed besides those of the scene.
+    /// The load in addition to those of the scene.
     fn pressed(self, day: f64) -> Option<Load> {
         let Self::Slow { days: rise, .. } = self else {
             return None;
@@ -124,7 +127,7 @@ impl Kind {
     }
 }
 
-/// All rows; the nights last so many days.
+/// All rows; `days` is the duration of the run of nights.
 pub(super) fn rows(seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<LoadRow>, Failure> {
     let bar = progress::bar(Kind::ALL.len(), "loads");
     let rows: Vec<Vec<LoadRow>> = Kind::ALL
@@ -175,8 +178,9 @@ fn run(kind: Kind, seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Seen
     Ok(out)
 }
 
-/// The load that a linear map of the last frame shows, in the middle of which a load of this size lies. It is compared, as maps of the
-/// daemon are, with the tracked baseline and with what it lacks beside what lies there.
+/// The integral of a linear map of the last frame over the triangles within `diameter_mm` of a position, mm2. Like maps
+/// of the daemon, the frame is compared with the tracked baseline plus the most probable changes that this baseline
+/// does not contain.
 fn load_of_map(
     tracker: &Tracker,
     frame: &[Reading],
@@ -196,7 +200,8 @@ fn load_of_map(
     Ok(near.map(|t| 1e6 * mesh.area(t) * map[t]).sum())
 }
 
-/// Whether the night's load lies there; a frame at its end, up to the rounding of the time of day, has none.
+/// Whether the night's load is on the sheet. A frame at the end of the night, except for rounding of the time of day,
+/// has no load.
 fn at_night(day: f64) -> bool {
     const ROUNDING: f64 = 1e-6;
     (0.5 - ROUNDING..20.0 / 24.0 - ROUNDING).contains(&day.fract())
@@ -252,7 +257,8 @@ fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
                 })
                 .filter(|night: &Vec<&Seen>| !night.is_empty())
                 .collect();
-            // of the first frames of the nights, % rms, and the largest change within one, %
+            // rms deviation of the first frames of the nights from their mean, %, and the largest change within a
+            // night, %
             let spread = |value: fn(&Seen) -> f64| {
                 let firsts = || nights.iter().map(|night| value(night[0]));
                 let mean = firsts().sum::<f64>() / nights.len() as f64;
@@ -278,9 +284,9 @@ fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
         Kind::Slow { days: rise, nights } => {
             let loss = |one: &Seen| 20.0 * ((one.day - 8.0) / rise).clamp(0.0, 1.0);
             let up = seen.iter().find(|one| one.day >= 8.0 + rise);
-            // ln of what the loss leaves, as a linear disc shows it
+            // ln of the remaining conductance, in the linear approximation of a disc
             let whole = -2.0 * 0.2 / (2.0 - 0.2);
-            // while the night's load lies there, nothing is known of the slow one
+            // during the night's load nothing is known of the slow load
             let alone = move |one: &&Seen| one.day > 8.0 && !(nights && at_night(one.day));
             let rising = || seen.iter().filter(alone);
             let never = f64::INFINITY;

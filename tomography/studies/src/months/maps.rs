@@ -1,4 +1,4 @@
-//! Maps of one frame against the baseline of day 0, with the drift of each frame removed and without.
+//! Maps of single frames against the baseline of day 0, with and without removal of the drift of each frame.
 
 use std::path::PathBuf;
 
@@ -20,13 +20,13 @@ use crate::honesty::MapMethod;
 use crate::sheet::protocol;
 use crate::{Failure, progress};
 
-/// 95 % of a normal distribution lie within so many standard deviations.
+/// 95 % of a normal distribution is within this number of standard deviations.
 const WITHIN_95: f64 = 1.96;
 
-/// What is reconstructed, and how.
+/// Loads and methods of the study.
 #[derive(Debug, Clone, Default)]
 pub struct MapSettings {
-    /// Loads of each kind on each of eight days of a sheet.
+    /// Number of loads of each kind on each of eight days of a sheet.
     pub loads: usize,
     /// Methods without training.
     pub methods: Vec<MapMethod>,
@@ -58,12 +58,12 @@ impl LoadKind {
     }
 }
 
-/// Maps of one method and kind of load in one span of days.
+/// Results of one method for one kind of load in one span of days.
 #[derive(Debug, Clone, Serialize)]
 pub struct MapRow {
     /// Kind of drift.
     pub family: Family,
-    /// The method's name, or that of the model file.
+    /// Name of the method or of the model file.
     pub method: String,
     /// Whether the drift of each frame is removed.
     pub drift: DriftRule,
@@ -71,29 +71,29 @@ pub struct MapRow {
     pub load: LoadKind,
     /// Days since the baseline.
     pub days: &'static str,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Median distance of the map's place from the centre, mm; presses alone.
+    /// Median distance of the position found in the map from the centre of the load, mm; `None` for polygons.
     pub median_mm: Option<f64>,
-    /// 95th percentile, mm.
+    /// 95th percentile of that distance, mm; `None` for polygons.
     pub p95_mm: Option<f64>,
     /// Mean correlation of map and truth over the region.
     pub correlation: f64,
-    /// Share of the region where the stated deviation says something.
+    /// Share of the region's area that the frame determines, so that a standard deviation is stated.
     pub resolved: f64,
-    /// Share of that part where the map is within 1.96 stated deviations of the truth.
+    /// Share of that area in which the map is within 1.96 stated standard deviations of the truth.
     pub covered: f64,
-    /// The same of the part under the load.
+    /// The same share for the part of that area under the load.
     pub covered_load: f64,
 }
 
-/// One method, prepared for both rules.
+/// One method, prepared with and without removal of drift.
 struct Prepared {
     name: String,
     models: [(DriftRule, Model); 2],
 }
 
-/// One map, judged.
+/// Results for one map.
 struct Judged {
     method: usize,
     rule: usize,
@@ -115,7 +115,7 @@ pub(super) fn rows(settings: &Settings, geometry: &Geometry) -> Result<Vec<MapRo
         let judged: Vec<Judged> = (0..settings.sheets as u64)
             .into_par_iter()
             .map(|number| {
-                // other sheets than those of single frames
+                // other sheets than those of `single`
                 let seed = settings.seed + 1000 * number + 500;
                 let judged = sheet(family, seed, settings.maps.loads, geometry, &prepared);
                 bar.inc(1);
@@ -144,7 +144,7 @@ pub(super) fn rows(settings: &Settings, geometry: &Geometry) -> Result<Vec<MapRo
     Ok(rows)
 }
 
-/// Each method for both rules, with the true noise stated.
+/// Each method with and without removal of drift, with the true noise stated.
 fn prepared(settings: &MapSettings, geometry: &Geometry) -> Result<Vec<Prepared>, Failure> {
     let protocol = protocol(26)?;
     let conditions = Conditions::live(geometry, &protocol, Amps(CURRENT_A));
@@ -235,7 +235,7 @@ fn judge(
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
     let area: f64 = areas.iter().sum();
     let mut judged = Vec::new();
-    // the same for all methods
+    // the standard deviation is the same for all methods
     let first = &prepared[0].models[0].1;
     let deviation = first
         .deviation(baseline, frame)

@@ -1,8 +1,8 @@
-//! Maps over months (`tactus-lab months`): where a press is found while the sheet drifts, with the baseline of day 0
-//! and with a tracked one.
+//! Maps over months (`tactus-lab months`): location of presses while the sheet drifts, with the baseline of day 0 and
+//! with a tracked baseline.
 //!
-//! All data come from the phantom's finer mesh, with 2 uV of noise on baseline and frame. The methods know the nominal sheet
-//! and the size of the noise; of the drift they know the kinds of [`drift::Sizes`], not their sizes.
+//! All frames are simulated on the phantom's finer mesh, with 2 uV of noise on baseline and frame. The methods are
+//! given the nominal sheet and the noise, and the kinds of drift of [`drift::Sizes`], but not their sizes.
 
 pub(crate) mod course;
 mod loads;
@@ -25,24 +25,24 @@ pub(crate) use single::shipped;
 pub use single::{Locator, SheetRow, SingleRow};
 pub use tracked::{FrameRow, LongScene, PressRow};
 
-/// How much is judged.
+/// Extent of the study.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Seed of sheets, places and noise.
+    /// Seed of sheets, positions and noise.
     pub seed: u64,
     /// Kinds of drift of the single frames.
     pub families: Vec<Family>,
-    /// Sheets of each kind.
+    /// Number of sheets of each kind.
     pub sheets: usize,
-    /// Presses of each diameter on each of eight days.
+    /// Number of presses of each diameter on each of eight days.
     pub presses: usize,
-    /// Scenes that are tracked.
+    /// Scenes with a tracked baseline.
     pub scenes: Vec<LongScene>,
-    /// Their days, a frame every ten minutes.
+    /// Days of the scenes, with a frame every ten minutes.
     pub days: f64,
-    /// Maps of single frames, with drift removed and without.
+    /// Maps of single frames, with and without removal of drift.
     pub maps: MapSettings,
-    /// Days of nights where loads that lie for days or come slowly are judged; 0 where they are not.
+    /// Days of the run of nights in the test of loads that remain for days or rise slowly; 0 to skip this test.
     pub load_days: f64,
 }
 
@@ -51,15 +51,15 @@ pub struct Settings {
 pub struct Report {
     /// Presses in single frames.
     pub single: Vec<SingleRow>,
-    /// Their sheets.
+    /// The sheets of the single frames.
     pub sheets: Vec<SheetRow>,
     /// Presses with a tracked baseline.
     pub presses: Vec<PressRow>,
-    /// The other frames.
+    /// Frames without presses, with a tracked baseline.
     pub frames: Vec<FrameRow>,
     /// Maps of single frames.
     pub maps: Vec<MapRow>,
-    /// Loads that lie for days or come slowly.
+    /// Loads that remain for days or rise slowly.
     pub loads: Vec<LoadRow>,
 }
 
@@ -114,7 +114,7 @@ impl Report {
         text
     }
 
-    /// The tables as JSON, one object a row.
+    /// The tables as JSON, one object per row.
     pub fn lines(&self) -> Vec<serde_json::Value> {
         tagged("single", &self.single)
             .chain(tagged("sheets", &self.sheets))

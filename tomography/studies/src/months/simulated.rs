@@ -1,4 +1,5 @@
-//! Frames of a drifting sheet from the phantom's finer mesh, and what the methods are told of the rig.
+//! Simulated frames of a drifting sheet on the phantom's finer mesh, and the information that methods have about the
+//! rig.
 
 use drift::{DriftModel, FitOptions, Noise};
 use eit::{Mesh, Preset};
@@ -16,9 +17,9 @@ use crate::{Failure, add_noise, measured};
 pub(crate) const CURRENT_A: f64 = 1e-3;
 /// White noise of one reading, V.
 pub(crate) const NOISE_V: f64 = 2e-6;
-/// Thermal voltage of a sensing pair that the methods assume, V.
+/// Thermal voltage of a sensing pair assumed by the methods, V.
 const EMF_V: f64 = 0.9e-6;
-/// Centre of the sheet and half size of the area of presses, mm.
+/// Centre of the sheet, and half width and half height of the area of presses, mm.
 const MIDDLE_MM: [f64; 2] = [107.0, 115.0];
 const HALF_MM: [f64; 2] = [70.0, 77.0];
 
@@ -49,7 +50,7 @@ pub enum Family {
 }
 
 impl Family {
-    /// Its name in tables.
+    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::GainContacts => "gain, contacts",
@@ -62,7 +63,7 @@ impl Family {
         }
     }
 
-    /// The effects, as a scene's text.
+    /// The effects as text of a scene.
     pub(super) fn effects(self) -> String {
         let contacts = |percent: u32, hours: u32| {
             format!("[effects.contact-drift]\npercent = {percent}.0\ntau_h = {hours}.0\n")
@@ -86,7 +87,7 @@ impl Family {
     }
 }
 
-/// A drifting sheet, measured.
+/// A drifting sheet with its acquisition.
 pub(crate) struct Simulated {
     phantom: Phantom,
     scan: Scan,
@@ -94,12 +95,12 @@ pub(crate) struct Simulated {
 }
 
 impl Simulated {
-    /// A sheet of a family; the phantom's mesh is `FINER` times as fine as the sheet's.
+    /// A sheet with the drift of a family. The phantom's mesh is [`phantom::FINER`] times finer than the model's.
     pub(super) fn new(family: Family, seed: u64) -> Result<Self, Failure> {
         Self::of(family.name(), &family.effects(), seed)
     }
 
-    /// A sheet with effects and loads of a scene's text.
+    /// A sheet with the effects and loads of the text of a scene.
     pub(crate) fn of(name: &str, text: &str, seed: u64) -> Result<Self, Failure> {
         let scene = Scene::parse(name, text).map_err(|fault| Failure::of("the scene", &fault))?;
         let scene = Scene {
@@ -117,7 +118,7 @@ impl Simulated {
         })
     }
 
-    /// A frame that begins at a moment (s, not before the last), with loads on the sheet or without.
+    /// A frame that starts at `at_s` (s, not before the last frame), with these loads in addition to the scene's.
     pub(crate) fn frame(
         &mut self,
         at_s: f64,
@@ -140,13 +141,13 @@ impl Simulated {
         test_set::polygons(mesh, &mut self.random).loads
     }
 
-    /// A place for a press, mm.
+    /// A random position of a press, mm.
     pub(super) fn place(&mut self) -> [f64; 2] {
         [0, 1].map(|axis| MIDDLE_MM[axis] + self.random.random_range(-HALF_MM[axis]..HALF_MM[axis]))
     }
 }
 
-/// What the method makes of a baseline: it knows the nominal sheet, its own mesh, the current and the noise.
+/// The drift model fitted to a baseline, given the nominal sheet on the methods' mesh, the current and the noise.
 pub(crate) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftModel, Failure> {
     let noise = Noise {
         reading_v: NOISE_V,
@@ -168,7 +169,7 @@ pub(crate) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftMo
     .map_err(|fault| Failure::of("the sheet's fit", &fault))
 }
 
-/// Distance of a place (m) from another (mm), mm.
+/// Distance of a found position (m) from the true one (mm), mm.
 pub(crate) fn away_mm(found: [f64; 2], press_mm: [f64; 2]) -> f64 {
     (1e3 * found[0] - press_mm[0]).hypot(1e3 * found[1] - press_mm[1])
 }

@@ -1,4 +1,5 @@
-//! One frame and the baseline of day 0: location of a press against days, for kinds of drift.
+//! Single frames against the baseline of day 0: location errors of presses by days since the baseline, for each kind of
+//! drift.
 
 use drift::{DiscFit, DriftModel};
 use imaging::{Conditions, Geometry, Method, Model, ReconstructionSettings, build};
@@ -13,7 +14,7 @@ use crate::evaluation::{average, quantile};
 use crate::sheet::protocol;
 use crate::{Failure, progress};
 
-/// Days of the frames, and the spans of the table.
+/// Days of the frames.
 pub(super) const DAYS: [f64; 8] = [0.01, 0.2, 1.0, 3.0, 7.0, 14.0, 30.0, 90.0];
 pub(super) const SPANS: [(&str, [f64; 2]); 4] = [
     ("0.01-0.2", [0.0, 0.5]),
@@ -21,24 +22,24 @@ pub(super) const SPANS: [(&str, [f64; 2]); 4] = [
     ("7-14", [5.0, 20.0]),
     ("30-90", [20.0, 100.0]),
 ];
-/// Diameters of the presses, mm; each takes half of the conductance.
+/// Diameters of the presses, mm; each halves the conductance.
 const DIAMETERS_MM: [f64; 2] = [10.0, 30.0];
-/// 95 % of a normal distribution in the plane.
+/// 95 % quantile of chi squared with two degrees of freedom.
 pub(super) const CHI_95: f64 = 5.991;
-/// Standard deviation of local change before the frame, for the whitened one-step map.
+/// Prior standard deviation of local change, for the whitened one-step map.
 const MAP_SIZE: f64 = 0.05;
 
-/// How a press is located.
+/// Method of locating a press.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Locator {
-    /// The shipped one-step map.
+    /// The one-step map with default settings.
     OneStep,
-    /// Gain and contacts projected out, a disc.
+    /// A disc fitted after gain and contacts are projected out.
     Projection,
-    /// Covariance by evidence, the one-step map of the whitened data.
+    /// The one-step map of the data whitened with a covariance chosen by evidence.
     EvidenceMap,
-    /// Covariance by evidence, a disc.
+    /// A disc fitted with a covariance chosen by evidence.
     EvidenceDisc,
 }
 
@@ -53,7 +54,7 @@ impl Locator {
     }
 }
 
-/// Presses of one kind in one span of days.
+/// Results for presses of one diameter in one span of days.
 #[derive(Debug, Clone, Serialize)]
 pub struct SingleRow {
     /// Kind of drift.
@@ -64,15 +65,15 @@ pub struct SingleRow {
     pub diameter_mm: f64,
     /// Days since the baseline.
     pub days: &'static str,
-    /// Presses.
+    /// Number of presses.
     pub presses: usize,
     /// Median distance from the truth, mm.
     pub median_mm: f64,
-    /// 95th percentile, mm.
+    /// 95th percentile of that distance, mm.
     pub p95_mm: f64,
-    /// Share of fits that are accepted; discs alone.
+    /// Share of fits that are accepted; `None` for maps.
     pub accepted: Option<f64>,
-    /// Share of accepted fits whose 95 % region contains the truth; discs alone.
+    /// Share of accepted fits whose 95 % region contains the truth; `None` for maps, or if no fit is accepted.
     pub covered: Option<f64>,
 }
 
@@ -82,11 +83,11 @@ struct Located {
     diameter: usize,
     locator: Locator,
     error_mm: f64,
-    /// Accepted, covered.
+    /// Whether the fit is accepted, and whether its 95 % region contains the truth; `None` for maps.
     disc: Option<(bool, bool)>,
 }
 
-/// The fit of the sheet and empty frames of one simulated sheet.
+/// Results for one simulated sheet: presses, fit to the baseline, and empty frames.
 struct OneSheet {
     located: Vec<Located>,
     misfit: f64,
@@ -100,7 +101,7 @@ struct OneSheet {
 pub struct SheetRow {
     /// Kind of drift.
     pub family: Family,
-    /// Sheets.
+    /// Number of sheets.
     pub sheets: usize,
     /// Mean misfit of the fitted sheet, %.
     pub misfit_percent: f64,
@@ -108,11 +109,11 @@ pub struct SheetRow {
     pub nominal_misfit_percent: f64,
     /// Mean unevenness of the fitted conductance, %.
     pub unevenness_percent: f64,
-    /// Empty frames.
+    /// Number of empty frames.
     pub empty: usize,
-    /// Empty frames whose best disc improves chi squared by more than 45.
+    /// Number of empty frames whose best disc improves chi squared by more than 45.
     pub above_45: usize,
-    /// Empty frames whose best disc improves chi squared by more than 100.
+    /// Number of empty frames whose best disc improves chi squared by more than 100.
     pub above_100: usize,
 }
 
@@ -194,7 +195,7 @@ fn row(
     }
 }
 
-/// The one-step method as it is shipped, with the true noise stated.
+/// The one-step method with default settings and the true noise stated.
 pub(crate) fn shipped(geometry: &Geometry) -> Result<Model, Failure> {
     let settings = ReconstructionSettings {
         method: Some(Method::OneStep),
@@ -262,7 +263,7 @@ fn sheet(
 
 pub(super) type Found = ([f64; 2], Option<DiscFit>);
 
-/// The place (m) by each method; the sheet's corner if a map shows no loss.
+/// The position (m) found by each method; the corner of the sheet if a map shows no loss.
 pub(super) fn locate(
     model: &DriftModel,
     geometry: &Geometry,
@@ -308,7 +309,7 @@ pub(super) fn covers(fit: &DiscFit, press_mm: [f64; 2]) -> bool {
     distance(fit, press_mm) <= CHI_95
 }
 
-/// Squared distance of the fitted place from the truth (mm) in units of its covariance.
+/// Squared distance of the fitted centre from the truth (mm) in units of its covariance.
 pub(super) fn distance(fit: &DiscFit, press_mm: [f64; 2]) -> f64 {
     let off = [0, 1].map(|axis| fit.disc.centre[axis] - 1e-3 * press_mm[axis]);
     let [[a, b], [_, d]] = fit.covariance;

@@ -1,4 +1,4 @@
-//! Ninety virtual days with a baseline that is tracked: presses, empty frames and nights of a scene.
+//! Simulated days (up to 90) with a tracked baseline: presses, empty frames and nights of a scene.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ const SPANS: [(&str, f64); 7] = [
     ("30-60", 60.0),
     ("60-90", f64::INFINITY),
 ];
-/// The same of scenes in which a contact is lost from day 20 on, within a week or at once.
+/// Spans of days for scenes in which a contact is lost from day 20 on, within a week or at once.
 const SPANS_OF_A_LOSS: [(&str, f64); 6] = [
     ("0-20", 20.0),
     ("20-21", 21.0),
@@ -41,9 +41,9 @@ const SPANS_OF_A_LOSS: [(&str, f64); 6] = [
     ("28-60", 60.0),
     ("60-90", f64::INFINITY),
 ];
-/// Standard deviation of local change before a frame, for the map whose zero is judged.
+/// Prior standard deviation of local change, for the maps of empty frames.
 pub(super) const MAP_SIZE: f64 = 0.01;
-/// Every such empty frame's map is judged.
+/// The map of one in this number of frames is judged, if the frame is empty.
 const JUDGED_EVERY: usize = 6;
 
 /// A scene of many days.
@@ -56,13 +56,15 @@ pub enum LongScene {
     MonthDetachment,
     /// The same with a contact that is lost at once on day 20
     MonthOpen,
-    /// Faster and larger drift on a sprayed sheet with misplaced electrodes and a crack, none of it known to the tracker
+    /// Faster and larger drift on a sprayed sheet with misplaced electrodes and a crack, none of it known to the
+    /// tracker
     HoldOut,
     /// The drift of the scene bedside-night, with creep; a load every night
     Bedside,
     /// Contacts of a spread of 50 % that drift by 30 % within a day, not known to the tracker
     HoldOutContacts,
-    /// A sheet sprayed unevenly by 15 % with misplaced electrodes, whose load sets by 2 % per decade, none of it known to the tracker
+    /// A sheet sprayed unevenly by 15 % with misplaced electrodes, whose load sets by 2 % per decade, none of it known
+    /// to the tracker
     HoldOutSpray,
     /// Noise of the readings and nothing else: the limit of any tracking
     Noise,
@@ -82,7 +84,7 @@ impl LongScene {
         }
     }
 
-    /// The scene's effects, as text.
+    /// The effects as text of a scene.
     pub(super) fn effects(self) -> String {
         match self {
             Self::Month => {
@@ -114,7 +116,7 @@ impl LongScene {
         }
     }
 
-    /// The scene's text, with a load every night.
+    /// The text of the scene, with a load every night.
     pub(super) fn text(self) -> String {
         self.effects()
             + "[[load]]\nname = \"night\"\nshape = \"rectangle\"\nwidth_mm = 70.0\nheight_mm = 50.0\nx_mm = 100.0\n\
@@ -122,7 +124,7 @@ impl LongScene {
                repeat = { every_s = 86400.0, times = 90 }\n"
     }
 
-    /// Days that are judged of a run of `days`.
+    /// Number of judged days in a run of `days`.
     pub(super) fn days(self, days: f64) -> f64 {
         match self {
             Self::HoldOut | Self::HoldOutContacts | Self::HoldOutSpray => days.min(20.0),
@@ -138,68 +140,68 @@ impl LongScene {
     }
 }
 
-/// Presses of one diameter in one span of days.
+/// Results for presses of one diameter in one span of days.
 #[derive(Debug, Clone, Serialize)]
 pub struct PressRow {
     /// Scene.
     pub scene: LongScene,
     /// Days since the baseline.
     pub days: &'static str,
-    /// Diameter, mm.
+    /// Diameter of the presses, mm.
     pub diameter_mm: f64,
-    /// Presses.
+    /// Number of presses.
     pub presses: usize,
-    /// Presses judged as an empty sheet.
+    /// Number of presses judged as an empty sheet.
     pub missed: usize,
-    /// Mean distance of the others from the truth, mm.
+    /// Mean distance of the detected presses from the truth, mm.
     pub mean_mm: f64,
-    /// 95th percentile, mm.
+    /// 95th percentile of that distance, mm.
     pub p95_mm: f64,
-    /// Largest, mm.
+    /// Largest distance, mm.
     pub most_mm: f64,
-    /// Accepted fits.
+    /// Number of accepted fits.
     pub accepted: usize,
-    /// Accepted fits whose 95 % region contains the truth.
+    /// Number of accepted fits whose 95 % region contains the truth.
     pub covered: usize,
 }
 
-/// Frames without press in one span of days.
+/// Results for frames without a press in one span of days.
 #[derive(Debug, Clone, Serialize)]
 pub struct FrameRow {
     /// Scene.
     pub scene: LongScene,
     /// Days since the baseline.
     pub days: &'static str,
-    /// Empty frames.
+    /// Number of empty frames.
     pub empty: usize,
-    /// Empty frames judged as loaded.
+    /// Number of empty frames judged as loaded.
     pub false_loads: usize,
-    /// Frames of nights.
+    /// Number of frames of nights.
     pub night: usize,
-    /// Frames of nights judged as empty.
+    /// Number of frames of nights judged as empty.
     pub missed_nights: usize,
-    /// Mean over maps of empty frames of their root mean square, %.
+    /// Mean rms of the maps of empty frames, %.
     pub zero_percent: f64,
-    /// The largest, %.
+    /// Largest rms of these maps, %.
     pub zero_most_percent: f64,
-    /// Mean chi squared per row of empty frames.
+    /// Mean chi squared per row of the data of empty frames.
     pub chi: f64,
-    /// Frames with an alarm of an anchor.
+    /// Number of frames in which the comparison with earlier baselines raised an alarm.
     pub anchor_alarms: usize,
-    /// Frames in which an electrode was named.
+    /// Number of frames in which a faulty electrode was named.
     pub faults: usize,
-    /// Pace at the end.
+    /// Rate of the drift relative to the built-in rates, at the end.
     pub pace: f64,
     /// Mean computing time of a frame, ms.
     pub frame_ms: f64,
 }
 
-/// What one frame was and what was said of it.
+/// The truth of one frame, and the tracker's result.
 struct Judged {
     span: usize,
     truth: Truth,
     answer: Answer,
-    /// Distance from the truth, mm; accepted; covered.
+    /// Distance from the truth, mm; whether the fit is accepted; whether its 95 % region contains the truth.
     press: Option<(f64, bool, bool)>,
     zero: Option<f64>,
     ms: f64,

@@ -1,25 +1,25 @@
-//! The paper's claims compared with the results here. A disagreement is a finding, not an error.
+//! The paper's claims compared with the results of this study. A disagreement is a finding, not an error.
 
 use super::experiments::{Experiments, FIGURES_AT, Outcome};
 use super::plan::{DEEP, Method, Plan, RBF, TV, Trained};
 use crate::evaluation::{average, mean_and_deviation};
 use crate::failure::Failure;
 
-/// Smallest correlation of amplitudes that count as proportional.
+/// Smallest correlation at which amplitudes count as proportional.
 const PROPORTIONAL: f64 = 0.9;
-/// Largest location error of a load that counts as found: within the pressing disc, mm.
+/// Largest location error at which a load counts as found, mm: the diameter of the pressing disc.
 const FOUND_MM: f64 = 10.0;
 /// The paper's times per frame, ms, on an Intel i7-8700 at 3.2 GHz with MATLAB R2020b (its section 5.4).
 const PAPER_MS: [f64; 3] = [650.0, 5.0, 3.0];
 
-/// Whether a claim of the paper holds here.
+/// Whether the results agree with a claim of the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Completely.
+    /// All parts of the claim agree.
     Agrees,
-    /// Not at all.
+    /// No part of the claim agrees.
     Disagrees,
-    /// In part.
+    /// Some parts of the claim agree.
     Partly,
 }
 
@@ -42,7 +42,7 @@ impl Verdict {
     }
 }
 
-/// A claim of the paper, and the result here.
+/// A claim of the paper, and the result of this study.
 #[derive(Debug)]
 pub struct Claim {
     /// Section of the paper.
@@ -56,7 +56,7 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// As an entry of `claims.json`.
+    /// The claim as an entry of `claims.json`.
     pub fn described(&self) -> serde_json::Value {
         serde_json::json!({
             "section": self.section,
@@ -66,7 +66,7 @@ impl Claim {
         })
     }
 
-    /// A line of text for people.
+    /// The claim as a line of text.
     pub fn line(&self) -> String {
         format!("{:>9}  {}: {}", self.verdict.name(), self.paper, self.ours)
     }
@@ -80,14 +80,15 @@ pub(super) fn judge(
 ) -> Result<Vec<Claim>, Failure> {
     let at = |method: &'static str, test| found(experiments, method, test, FIGURES_AT);
     let [tv, deep, rbf] = [at(TV, 1)?, at(DEEP, 1)?, at(RBF, 1)?];
-    // amplitudes without noise
+    // results without noise
     let quiet = |method: &'static str| found(experiments, method, 1, 0.0);
     let [quiet_tv, quiet_deep, quiet_rbf] = [quiet(TV)?, quiet(DEEP)?, quiet(RBF)?];
     let [quiet_deep2, quiet_rbf2] = [
         found(experiments, DEEP, 2, 0.0)?,
         found(experiments, RBF, 2, 0.0)?,
     ];
-    // the paper states no noise for its figures: such a claim must hold without noise and with that of its voltmeter
+    // the paper states no noise for its figures, so such a claim must hold without noise and with that of the paper's
+    // voltmeter
     let pairs = [
         (
             "without noise".to_owned(),
@@ -138,7 +139,7 @@ fn three(tv: f64, deep: f64, rbf: f64, unit: &str, decimals: usize) -> String {
     format!("TV {tv:.decimals$}{unit}, deep {deep:.decimals$}{unit}, RBF {rbf:.decimals$}{unit}")
 }
 
-/// TV, deep and RBF network at a noise that is stated in words.
+/// A description of the noise, and the results of TV, deep network and RBF network at this noise.
 type AtNoise<'a> = (String, [&'a Outcome; 3]);
 
 fn places(pairs: &[AtNoise<'_>; 2]) -> Claim {
@@ -187,9 +188,9 @@ fn resolution(pairs: &[AtNoise<'_>; 2]) -> Claim {
     }
 }
 
-/// Each of `quiet` and `noisy`: deep and RBF network on Test #2, then on Test #1.
+/// `quiet` and `noisy` contain: deep and RBF network on Test #2, then both on Test #1.
 fn shapes(quiet: [&Outcome; 4], noisy: [&Outcome; 4]) -> Claim {
-    // S4 is the last of Test #2's three shapes, at three places
+    // S4 is the last of the three shapes of Test #2, each of which has three positions
     let s4 = |outcome: &Outcome, of: fn(&crate::evaluation::OfFrame) -> f64| {
         average(outcome.of_frames.iter().skip(6).map(of))
     };
@@ -279,7 +280,7 @@ fn proportional(tv: &Outcome, deep: &Outcome, rbf: &Outcome) -> Claim {
     }
 }
 
-/// Share of noise in a map: the deviation between draws, over the map.
+/// Share of noise in a map: the standard deviation between draws, relative to the map.
 fn noise(plan: &Plan, experiments: &Experiments) -> Option<Claim> {
     let largest = plan.noises.iter().copied().fold(0.0, f64::max);
     let share = |method: &'static str| -> Option<f64> {
@@ -389,7 +390,7 @@ fn memory(deep: &Trained, rbf: &Trained) -> Claim {
     }
 }
 
-/// Pearson's.
+/// Pearson's correlation.
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let (of_a, of_b) = (mean(a), mean(b));

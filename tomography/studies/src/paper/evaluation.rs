@@ -1,5 +1,5 @@
 //! The evaluations of the study: methods on test sets, each an item of work in shards. The code that uses the results
-//! also lists them, in a first pass without results, so that list and use agree.
+//! runs twice: a first pass without results lists the evaluations, so that the list cannot differ from the use.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -12,10 +12,10 @@ use crate::artifact_cache::{ArtifactCache, FOLDER};
 use crate::evaluation::{Figures, OfFrame, figures, maps, of_frames};
 use crate::failure::Failure;
 
-/// In the command of a model: the folder of the test set that it is evaluated on.
+/// Placeholder in the command of a model for the folder of the test set on which the model is evaluated.
 pub(super) const TEST_SET: &str = "{set}";
 
-/// A file or folder of the output folder, and the command that makes it.
+/// A file or folder of the output folder, and the command that creates it.
 #[derive(Debug, Clone)]
 pub(super) struct Artifact {
     pub(super) name: String,
@@ -23,13 +23,13 @@ pub(super) struct Artifact {
 }
 
 impl Artifact {
-    /// Its path; it is made if it does not exist.
+    /// The path of the artifact, which is created if it does not exist.
     pub(super) fn make(&self, place: &ArtifactCache<'_>) -> Result<PathBuf, Failure> {
         place.made(&self.name, &self.command)
     }
 }
 
-/// Options of `reconstruct`, or a model that is made.
+/// Options of `reconstruct`, or a model that a command creates.
 #[derive(Debug, Clone)]
 pub(super) enum Source {
     Options(String),
@@ -45,16 +45,16 @@ impl Source {
 /// A method on a test set.
 #[derive(Debug, Clone)]
 pub(super) struct Job {
-    /// The method, for people.
+    /// Displayed name of the method.
     pub(super) method: String,
     pub(super) source: Source,
     pub(super) set: Artifact,
-    /// Whether the maps are drawn or compared, besides their figures.
+    /// Whether the maps are needed in addition to their figures of merit.
     pub(super) maps: bool,
 }
 
 impl Job {
-    /// Everything that determines the result, but for the build.
+    /// A text with everything that determines the result, except the build.
     pub(super) fn name(&self) -> String {
         let source = match &self.source {
             Source::Options(options) => options.clone(),
@@ -65,7 +65,7 @@ impl Job {
         format!("{name} by {command}: {source}{maps}")
     }
 
-    /// Makes what the job needs, and evaluates the method.
+    /// Creates the artifacts that the job needs, and evaluates the method.
     pub(super) fn run(&self, place: &ArtifactCache<'_>) -> Result<Evaluated, Failure> {
         let folder = self.set.make(place)?;
         let words = match &self.source {
@@ -93,7 +93,7 @@ impl Job {
     }
 }
 
-/// A map, and where the load is, if it is one disc.
+/// A map, and the position of the load, m, if it is one disc.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct FoundMap {
     pub(super) map: Map,
@@ -108,7 +108,7 @@ pub(super) struct Evaluated {
     pub(super) maps: Vec<FoundMap>,
 }
 
-/// The jobs of a study, or their results.
+/// The jobs of a study (first pass), or their results (second pass).
 pub(super) enum Evaluations {
     /// The first pass collects the jobs.
     Listing(RefCell<Vec<Job>>),

@@ -1,5 +1,5 @@
-//! The paper's two tests with every method: at each noise level, over draws of the noise, and on unevenly sprayed
-//! sheets.
+//! The paper's two tests with every method, at each noise level, for several draws of the noise, and on unevenly
+//! sprayed sheets.
 
 use super::evaluation::{Artifact, Evaluations, FoundMap, Job};
 use super::plan::{DEEP, Method, Plan, RBF, TV};
@@ -10,18 +10,18 @@ use crate::failure::Failure;
 pub(super) struct Outcome {
     pub(super) method: &'static str,
     pub(super) set: Set,
-    /// Its maps, for the paper's three methods.
+    /// The maps, for the paper's three methods; otherwise empty.
     pub(super) maps: Vec<FoundMap>,
     /// Figures of each frame.
     pub(super) of_frames: Vec<OfFrame>,
-    /// Their means.
+    /// Means of the figures.
     pub(super) figures: Figures,
 }
 
 /// A set of loads with its noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Set {
-    /// 1 or 2.
+    /// Number of the test, 1 or 2.
     pub(super) test: u8,
     pub(super) noise_uv: f64,
     pub(super) spray: f64,
@@ -29,7 +29,7 @@ pub(super) struct Set {
 }
 
 impl Set {
-    /// The first draw of the noise, on an even sheet.
+    /// A test with the first draw of the noise, on an even sheet.
     pub(super) fn even(test: u8, noise_uv: f64) -> Self {
         Self {
             test,
@@ -68,7 +68,7 @@ impl Experiments {
             None => {
                 for &noise in plan.noises {
                     sets.extend([Set::even(1, noise), Set::even(2, noise)]);
-                    // repeated with other draws: how much of a map is noise
+                    // further draws, to measure the share of noise in a map
                     if noise > 0.0 {
                         sets.extend((1..plan.draws).map(|draw| at(1, noise, 0.0, draw)));
                     }
@@ -85,7 +85,7 @@ impl Experiments {
         for set in sets {
             for method in methods {
                 let papers = method.source.is_model() || method.name == TV;
-                // draws and sprayed sheets are for the paper's methods; the others would take hours
+                // draws and sprayed sheets are evaluated for the paper's methods only; the others would take hours
                 if (set.draw > 0 || set.spray > 0.0 || figure.is_some()) && !papers {
                     continue;
                 }
@@ -110,7 +110,7 @@ impl Experiments {
         Ok(Self { results })
     }
 
-    /// A test at a noise level, on an even sheet, first draw.
+    /// The result of a test at a noise level, on an even sheet, for the first draw.
     pub(super) fn of<'a>(
         &'a self,
         method: &'a str,
@@ -120,7 +120,7 @@ impl Experiments {
         self.at(method, test, noise_uv, 0.0).next()
     }
 
-    /// All draws.
+    /// The results of all draws.
     pub(super) fn at<'a>(
         &'a self,
         method: &'a str,
@@ -166,9 +166,9 @@ impl Experiments {
     }
 }
 
-/// A test set.
+/// The artifact of a test set.
 pub(super) fn test_set(plan: &Plan, set: Set) -> Artifact {
-    // never the seed of the training
+    // differs from the seed of the training
     let seed = 1000 * (plan.seed + 1) + set.draw;
     let (test, noise, spray) = (set.test, set.noise_uv * 1e-6, set.spray);
     let mut command = format!("judge --set test-{test} --noise-v {noise:e} --seed {seed}");

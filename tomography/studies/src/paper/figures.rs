@@ -16,7 +16,7 @@ pub(super) struct Figure {
     /// The `.png`; the `.svg` has the same stem.
     pub(super) file: String,
     pub(super) title: String,
-    /// Caption: what it shows, and what it does not prove.
+    /// Caption, which states what the figure shows and what it does not prove.
     pub(super) words: String,
 }
 
@@ -44,7 +44,7 @@ pub(super) fn mesh(place: &ArtifactCache<'_>, case: &Case) -> Result<Figure, Fai
     })
 }
 
-/// The paper's Figures 4 to 7, or one of them, each with a common scale and with a scale per map.
+/// The paper's Figures 4 to 7, or one of them; each with a common scale and with a scale for each map.
 pub(super) fn tests(
     place: &ArtifactCache<'_>,
     case: &Case,

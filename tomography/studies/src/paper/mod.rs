@@ -1,8 +1,9 @@
-//! All experiments, figures and claims of the paper, repeated from seeds, on one HTML page (`tactus-lab paper`).
+//! All experiments, figures and claims of the paper, reproduced from seeds, on one HTML page (`tactus-lab paper`).
 //!
 //! The output folder contains `models`, `sets`, figures (PNG and SVG), `results.json`, `claims.json`, `settings.json`,
-//! `index.html`. Models and sets are made by commands of `tactus-lab`, whose arguments are stored in a file `.command`
-//! for each. An interrupted run resumes with what is missing; outputs of commands with other arguments are made again.
+//! `index.html`. Models and sets are created by commands of `tactus-lab`; the arguments of each command are stored in a
+//! file `.command` next to its output. An interrupted run creates what is missing; outputs of commands with other
+//! arguments are created again.
 
 mod claims;
 mod evaluation;
@@ -31,11 +32,11 @@ pub use resident::resident_growth;
 /// Options of the study.
 #[derive(Debug)]
 pub struct Settings {
-    /// The paper's sizes instead of small ones.
+    /// Whether to use the paper's sizes instead of small ones.
     pub full: bool,
     /// Only this figure of the paper, 3 to 7.
     pub figure: Option<u8>,
-    /// Equal seeds give equal numbers, except times.
+    /// Seed of the study; equal seeds give equal numbers, except times.
     pub seed: u64,
     /// Folder of the page, its figures and tables; default `paper-quick` or `paper-full`.
     pub folder: Option<PathBuf>,
@@ -57,8 +58,8 @@ pub enum Made {
     },
 }
 
-/// Makes missing parts, draws figures, writes the page. A method on a test set is an item of work in shards; models and
-/// test sets are made once, in the folder that all shards use.
+/// Creates missing parts, draws figures and writes the page. Each method on a test set is an item of work in shards;
+/// models and test sets are created once, in the folder that all shards use.
 ///
 /// # Errors
 /// A folder that belongs to another command, damaged files, shards that cannot be used, or a command that fails.
@@ -117,7 +118,7 @@ pub fn run(
     })
 }
 
-/// The methods on test sets that a run needs; figure 3 needs none.
+/// The jobs that a run needs; figure 3 needs none.
 fn jobs(plan: &Plan, methods: &[Method], figure: Option<u8>) -> Result<Vec<Job>, Failure> {
     let list = Evaluations::listing();
     if figure != Some(3) {

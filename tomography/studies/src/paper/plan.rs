@@ -16,13 +16,13 @@ pub(super) struct Plan {
     pub(super) noises: &'static [f64],
     /// Draws of the noise in the experiment with noise.
     pub(super) draws: u64,
-    /// Unevenness of the sprayed sheet, as standard deviation of ln(conductance).
+    /// Unevenness of the sprayed sheets, as standard deviation of ln(conductance).
     pub(super) sprays: &'static [f64],
-    /// Powers of ten of alpha.
+    /// Exponents of alpha as a power of ten.
     pub(super) alphas: &'static [i32],
     /// Multiples of Eq. 13's spread.
     pub(super) spreads: &'static [f64],
-    /// Width and height of the sheet over the paper's; electrodes along width and height.
+    /// Size of the sheet relative to the paper's, and numbers of electrodes along width and height.
     pub(super) sheets: &'static [(f64, usize, usize)],
     cases: usize,
     repeats: usize,
@@ -36,9 +36,9 @@ pub(super) struct Plan {
 pub(super) struct Method {
     /// Name on the page.
     pub(super) name: &'static str,
-    /// Its options, or how its model is made.
+    /// Its options, or the command that creates its model.
     pub(super) source: Source,
-    /// Its model, for a trained method that was loaded.
+    /// The model of a trained method after [`Plan::load`]; otherwise `None`.
     pub(super) model: Option<Trained>,
 }
 
@@ -72,7 +72,7 @@ impl Plan {
                 sprays: &[0.0, 0.05, 0.1, 0.3],
                 alphas: &[-10, -9, -8, -7, -6, -5, -4, -3, -2],
                 spreads: &[0.25, 0.5, 1.0, 2.0, 4.0],
-                // on a smaller sheet the electrodes next to a corner would meet
+                // on an even smaller sheet the electrodes next to a corner would touch
                 sheets: &[
                     (0.85, 6, 7),
                     (1.0, 4, 4),
@@ -126,18 +126,18 @@ impl Plan {
         })
     }
 
-    /// The command that trains an RBF network, on the paper's sheet if no case folder is added.
+    /// The command that trains an RBF network, for the paper's sheet if no case folder is added.
     pub(super) fn rbf(&self, profile: &str) -> String {
         format!("train rbf --profile {profile} {}", self.size())
     }
 
     fn size(&self) -> String {
         let (cases, repeats, seed) = (self.cases, self.repeats, self.seed);
-        // also a model that has learnt nothing: the study shows what it is worth
+        // `--yes`: a model without any training success is accepted, because the study evaluates it
         format!("--cases {cases} --repeats {repeats} --seed {seed} --yes")
     }
 
-    /// All methods; their networks are not made yet.
+    /// All methods; their networks are not loaded yet.
     pub(super) fn methods(&self) -> Vec<Method> {
         let deep = format!(
             "train dnn --profile paper {} --epochs {} --set width={}",
@@ -187,7 +187,7 @@ impl Plan {
         methods
     }
 
-    /// Makes and loads the models of the methods.
+    /// Creates and loads the models of the methods.
     pub(super) fn load(
         &self,
         place: &ArtifactCache<'_>,

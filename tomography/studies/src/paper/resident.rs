@@ -6,8 +6,8 @@ use eit::model;
 
 use crate::failure::Failure;
 
-/// By how much this process grows at most while it loads a model, bytes; `None` if the system does not report it. Correct only in a
-/// new process: an older one reuses memory freed by earlier work.
+/// Largest growth of the resident memory of this process while it loads a model, bytes; `None` if the system does not
+/// report it. Correct only in a new process, because an older one reuses memory that was freed before.
 ///
 /// # Errors
 /// The model cannot be loaded.
@@ -22,7 +22,7 @@ pub fn resident_growth(file: &Path) -> Result<Option<u64>, Failure> {
         .map(|(before, peak)| peak.saturating_sub(before)))
 }
 
-/// Resident memory of this process, bytes, from Linux: `VmRSS:` now, `VmHWM:` at its peak.
+/// Resident memory of this process, bytes, from `/proc/self/status`: `VmRSS:` is the present value, `VmHWM:` the peak.
 fn memory(which: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix(which))?;

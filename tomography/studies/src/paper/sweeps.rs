@@ -1,4 +1,4 @@
-//! Experiments that vary one parameter: the size of a load, Eq. 13's spread, the sheet and its electrodes.
+//! Experiments that vary one parameter: the size of a load, alpha, the spread of Eq. 13, the sheet and its electrodes.
 
 use super::evaluation::{Artifact, Evaluations, Job, Source, TEST_SET};
 use super::experiments::{FIGURES_AT, Set, test_set};
@@ -8,7 +8,7 @@ use crate::failure::Failure;
 
 /// Results for one varied parameter.
 pub(super) struct Sweep {
-    /// Name of its files.
+    /// Name of the chart's files.
     pub(super) file: &'static str,
     pub(super) title: &'static str,
     pub(super) across: &'static str,
@@ -17,7 +17,7 @@ pub(super) struct Sweep {
     pub(super) mark: Option<(f64, &'static str)>,
     pub(super) log: bool,
     pub(super) points: Vec<Point>,
-    /// Caption: what it shows, and what it does not prove.
+    /// Caption, which states what the chart shows and what it does not prove.
     pub(super) words: &'static str,
 }
 
@@ -57,12 +57,12 @@ pub(super) fn run(
     Ok(sweeps)
 }
 
-/// The seed of the test sets, different from that of the training.
+/// The seed of the test sets, which differs from that of the training.
 fn judging(plan: &Plan) -> u64 {
     1000 * (plan.seed + 1)
 }
 
-/// Figures of the frames of a set by one method.
+/// Figures of merit of one method for each frame of a set.
 fn figures_of(
     evaluations: &Evaluations,
     method: &str,
@@ -152,7 +152,7 @@ fn sizes(
 /// alpha of Eq. 4, and true total variation for comparison.
 fn alphas(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
     let mut points = Vec::new();
-    // a horizontal line: true total variation does not depend on this alpha
+    // true total variation does not depend on this alpha, so it is a horizontal line
     let power = |exponent: Option<&i32>| exponent.map(|&exponent| 10.0_f64.powi(exponent));
     let ends: Vec<f64> = [plan.alphas.first(), plan.alphas.last()]
         .into_iter()
@@ -201,7 +201,7 @@ fn alphas(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
     })
 }
 
-/// Eq. 13's spread times a factor, on held-out cases of Algorithm 1.
+/// The spread of Eq. 13 times a factor, on held-out cases of Algorithm 1.
 fn spreads(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
     let seed = judging(plan);
     let count = if plan.best { "100" } else { "10" };
@@ -215,7 +215,7 @@ fn spreads(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
         };
         for &times in plan.spreads {
             let rbf = plan.rbf("paper");
-            // the factor 1 is the paper's network, which exists already
+            // the network of factor 1 is the paper's, which exists already
             let (name, command) = match times == 1.0 {
                 true => (RBF_FILE.to_owned(), rbf),
                 false => (

@@ -1,8 +1,9 @@
-//! The hard cases of the fact sheet, each with a naive implementation where there is one, ours, and a bound
-//! (`tactus-lab stability`).
+//! The hard cases of the fact sheet (`tactus-lab stability`): the error of a naive implementation if there is one, the
+//! error of this project's implementation ("ours"), and a bound.
 //!
-//! A case is a function that returns its results. The numbers are those of the fact sheet
-//! `physics-and-hard-cases.md`, section 4. Where there is a naive implementation it breaks the bound, or the case says why not.
+//! A case is a function that returns its results. The case numbers are those of the fact sheet
+//! `physics-and-hard-cases.md`, section 4. A naive implementation violates the bound; if there is none, the case states
+//! why.
 
 mod cases;
 mod outcome;
@@ -23,7 +24,7 @@ use cases::{
 use outcome::{Case, Check, Naive, Outcome, Side};
 pub(crate) use solvers::bordered::Number;
 
-/// Every case, in the order of the fact sheet.
+/// All cases, in the order of the fact sheet.
 const CASES: &[Case] = &[
     case(1, "conductivity exactly 0", contrast::no_conductance),
     case(2, "insulating contrast", contrast::insulator),
@@ -75,7 +76,8 @@ const fn case(number: u8, name: &'static str, run: fn() -> Result<Outcome, Failu
 #[derive(Debug)]
 pub struct Table(Vec<(&'static Case, Outcome)>);
 
-/// Runs the cases with these numbers, 1 to 40, or all if empty. A case is an item of work in shards.
+/// Runs the cases with these numbers, 1 to 40, or all cases if the list is empty. Each case is an item of work in
+/// shards.
 ///
 /// # Errors
 /// A case that cannot be computed, or shards that cannot be used. A violated bound is not an error, see

@@ -1,4 +1,5 @@
-//! Result of a hard case: the error of the naive implementation, ours, the bound, and whether it holds.
+//! Result of a hard case: the error of the naive implementation, the error of ours, the bound, and whether the bound is
+//! satisfied.
 
 use std::borrow::Cow;
 
@@ -6,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::failure::Failure;
 
-/// A text of the code, or of a shard.
+/// A text that is a constant of the code or was read from a shard.
 type Text = Cow<'static, str>;
 
 /// Result of the naive implementation.
@@ -16,7 +17,7 @@ pub(crate) enum Naive {
     Error(#[serde(with = "shards::any_f64")] f64),
     /// Its error was computed and is not finite: the error, and a description.
     Fails(#[serde(with = "shards::any_f64")] f64, Text),
-    /// There is no naive implementation of this figure: why not. Nothing is compared.
+    /// There is no naive implementation of this figure, for this reason. Nothing is compared.
     Absent(Text),
 }
 
@@ -72,7 +73,7 @@ impl Check {
         self.within(self.ours)
     }
 
-    /// Whether the naive implementation violates the bound, or there is none.
+    /// Whether the naive implementation violates the bound, fails, or does not exist.
     pub(crate) fn naive_is_as_expected(&self) -> bool {
         match &self.naive {
             Naive::Error(figure) => !self.within(*figure),
@@ -122,7 +123,7 @@ pub(crate) fn apart(found: &[f64], exact: &[f64]) -> f64 {
         .fold(0.0, worst)
 }
 
-/// The larger; infinite if one is NaN.
+/// The larger number; infinite if one is NaN.
 pub(crate) fn worst(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() {
         f64::INFINITY

@@ -12,12 +12,12 @@ use crate::failure::Failure;
 use crate::stability::solvers::bordered::Ground;
 use crate::stability::solvers::tank::Tank;
 
-/// Smaller values are drawn here: a logarithmic axis has no 0.
+/// Smaller values are drawn at this value, because a logarithmic axis has no 0.
 const LEAST: f64 = 1e-17;
-/// A result without numbers is drawn here.
+/// A result that is not finite is drawn at this value.
 const MOST: f64 = 1e3;
 
-/// Draws all three, each as PNG and SVG.
+/// Draws the three plots, each as PNG and SVG.
 pub(crate) fn draw(folder: &Path, existing: Existing) -> Result<(), Failure> {
     let tank = Tank::small()?;
     put(
@@ -75,7 +75,7 @@ fn put(folder: &Path, existing: Existing, name: &str, curves: &Curves<'_>) -> Re
     Ok(())
 }
 
-/// Curves over common abscissas: a name, and an error at each.
+/// Curves with these names over common abscissas; each point has an abscissa and one error for each curve.
 fn curves(names: &[&str], points: &[(f64, Vec<f64>)]) -> Vec<Curve> {
     let shown = |error: f64| {
         if error.is_finite() {

@@ -1,4 +1,4 @@
-//! Recommends a setting of the rig from the kept table (`tactus-lab advise`).
+//! Recommends a setting of the rig from the table that is part of the program (`tactus-lab advise`).
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer};
 use super::panel::{Panel, Point};
 use crate::failure::Failure;
 
-/// The table of the kept full run.
+/// The table of the full run stored in `docs`.
 const KEPT: &str = include_str!("../../../../docs/tradeoff-2026-11-26/acquisition.json");
 
 /// Requirements on a setting.
@@ -27,14 +27,14 @@ pub struct Request {
     pub current_ma: Option<f64>,
     /// Only settings with at most this current, mA.
     pub most_ma: Option<f64>,
-    /// A table made by the diagram `acquisition`, instead of the kept one.
+    /// A table created by the diagram `acquisition`, instead of the built-in one.
     pub table: Option<PathBuf>,
 }
 
-/// The fastest setting that meets the requirements.
+/// Finds the fastest setting that meets the requirements.
 ///
 /// # Errors
-/// An unreadable table, or no such setting; the error names the closest one.
+/// An unreadable table, or no such setting; the error names the closest ones.
 pub fn advise(options: &Request) -> Result<Point, Failure> {
     for (name, value) in [
         ("--error-mm", options.error_mm),
@@ -102,7 +102,7 @@ pub fn advise(options: &Request) -> Result<Point, Failure> {
     }
 }
 
-/// Results that make a point a setting of the rig: without one the lines of the configuration would lack a number.
+/// Results that every point of the table must have, because the lines of the configuration contain them.
 const SETTINGS: [&str; 6] = [
     "electrodes",
     "current, mA",
@@ -145,7 +145,7 @@ fn parsed(name: &str, text: &str) -> Result<Panel, Failure> {
     if panel.panel != "acquisition" {
         return Err(wrong(format!("is the table of '{}'", panel.panel)));
     }
-    // read again: only the reader of the text knows the line of a point
+    // parsed again from the text, because errors then contain the line of the point
     serde_json::from_str::<Complete>(text).map_err(damaged)?;
     Ok(panel)
 }
@@ -180,7 +180,7 @@ enum Advice<'a> {
     },
 }
 
-/// The fastest acceptable setting; the more accurate one of two equally fast ones.
+/// The fastest setting that is accurate enough; of two equally fast ones the more accurate one.
 fn chosen<'a>(points: &[&'a Point], error_mm: f64, max_seconds: f64) -> Advice<'a> {
     let good = |point: &&&Point| point.error <= error_mm;
     let quick = |point: &&&Point| point.time <= max_seconds;
@@ -245,7 +245,7 @@ mod tests {
             also.remove(setting);
             let text = serde_json::to_string_pretty(&table).unwrap();
             let fault = parsed("a.json", &text).unwrap_err().to_string();
-            // the line with the end of what the second point has
+            // the line on which the results of the second point end
             let mut ends = text
                 .lines()
                 .enumerate()

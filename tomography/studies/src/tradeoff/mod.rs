@@ -1,8 +1,8 @@
 //! Accuracy against computing or measuring time, as eight diagrams and one page (`tactus-lab tradeoff`).
 //!
 //! Every diagram is a table of points (`NAME.json`) with its settings and seed, drawn as PNG and SVG. A table with the
-//! same settings is reused, so an interrupted run resumes. Times depend on the machine; errors are the same for the
-//! same seed.
+//! same settings is reused, so an interrupted run computes only what is missing. Times depend on the machine; errors
+//! depend on the seed only.
 
 mod advise;
 mod measuring;
@@ -60,11 +60,11 @@ impl PanelName {
 /// Options of the study.
 #[derive(Debug)]
 pub struct Settings {
-    /// The sizes of the kept results, instead of small ones.
+    /// Whether to use the sizes of the results stored in `docs`, instead of small ones.
     pub full: bool,
     /// Only these diagrams; all if empty.
     pub only: Vec<PanelName>,
-    /// Equal seeds give equal numbers, except times.
+    /// Seed of the study; equal seeds give equal numbers, except times.
     pub seed: u64,
     /// Folder of the page, its figures and tables; default `tradeoff-quick` or `tradeoff-full`.
     pub folder: Option<PathBuf>,
@@ -79,12 +79,12 @@ pub(crate) struct Effort {
 }
 
 impl Effort {
-    /// Repetitions for the median of a time.
+    /// Number of repetitions for the median of a time.
     pub(crate) const RUNS: usize = 20;
-    /// Draws of noise or meshes for an error's bar.
+    /// Number of draws of noise or meshes for an error bar.
     pub(crate) const SEEDS: u64 = 5;
 
-    /// The value for the extent of this run.
+    /// The value for this run.
     pub(crate) fn of<T>(&self, quick: T, full: T) -> T {
         if self.full { full } else { quick }
     }
@@ -106,9 +106,9 @@ impl Effort {
     }
 }
 
-/// Makes missing diagrams, draws them and writes the page; returns the path of the page if all diagrams were made.
-/// Calls `done` with each diagram. A diagram is an item of work in shards; its models and test sets are made once, in
-/// the folder that all shards use.
+/// Computes missing diagrams, draws them and writes the page; returns the path of the page if it contains all diagrams.
+/// Calls `done` with each diagram. Each diagram is an item of work in shards; its models and test sets are created
+/// once, in the folder that all shards use.
 ///
 /// # Errors
 /// A folder that belongs to another command, a damaged table, shards that cannot be used, or a study that fails.
@@ -135,7 +135,7 @@ pub fn run(
         .collect();
     let mut described = effort.described();
     if let Some(fields) = described.as_object_mut() {
-        // times depend on it, errors do not
+        // the number of threads changes times, but not errors
         fields.remove("threads");
     }
     let study = Study {
@@ -184,7 +184,7 @@ pub fn run(
     })
 }
 
-/// The diagram from its table if the same settings made it, otherwise computed.
+/// Reads the diagram from its table if that has the same settings, otherwise computes it.
 fn made(name: PanelName, effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel, Failure> {
     let file = format!("{}.json", name.name());
     if let Some(panel) = Panel::read(&place.path(&file), effort)? {

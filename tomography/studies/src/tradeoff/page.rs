@@ -75,7 +75,7 @@ fn one(html: &mut String, number: usize, panel: &Panel) {
         let _ = write!(html, "<th>{}</th>", escaped(name));
     }
     html.push_str("</tr>\n");
-    // thousands of rows are not useful on a page; the JSON table has them all
+    // thousands of rows are not useful on a page; the JSON table contains all of them
     let long = panel.points.len() > 200;
     for point in panel.points.iter().filter(|point| !long || point.front) {
         let class = if point.front { " class=\"front\"" } else { "" };

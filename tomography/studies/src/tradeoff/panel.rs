@@ -1,4 +1,4 @@
-//! One diagram: its table of points, Pareto front and picture.
+//! One diagram: its table of points, Pareto front and pictures.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,26 +14,26 @@ use crate::failure::Failure;
 
 /// Half the diagonal of the paper's sheet, mm: the error assigned to a map without a loss.
 pub(crate) const FARTHEST_MM: f64 = 157.0;
-/// Curves with more points are thinned out.
+/// Of curves with more points only those on the front are drawn.
 const MANY: usize = 24;
 
 /// One measured setting.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Point {
-    /// The picture of the point; empty if there is only one.
+    /// Name of the picture that contains the point; empty if the diagram has only one.
     #[serde(default)]
     pub group: String,
-    /// The curve of the point.
+    /// Name of the curve of the point.
     pub line: String,
     /// The setting on that curve.
     pub setting: String,
-    /// Abscissa: mostly the median time, s.
+    /// Abscissa: in most diagrams the median time, s.
     pub time: f64,
     /// Ordinate.
     pub error: f64,
     /// Half the error bar: standard deviation over draws.
     pub spread: f64,
-    /// Further results, by name with unit.
+    /// Further results; the names contain the units.
     #[serde(default)]
     pub also: BTreeMap<String, f64>,
     /// Whether no other point is both faster and more accurate.
@@ -61,7 +61,7 @@ impl Point {
         }
     }
 
-    /// The point in another picture.
+    /// Moves the point to another picture.
     pub(crate) fn of(mut self, group: &str) -> Self {
         group.clone_into(&mut self.group);
         self
@@ -87,14 +87,14 @@ pub struct Panel {
     pub across: String,
     /// Label of the ordinate, with its unit.
     pub up: String,
-    /// What it shows.
+    /// What the diagram shows.
     pub shows: String,
-    /// What it does not prove.
+    /// What the diagram does not prove.
     pub not_proved: String,
     /// Missing features.
     #[serde(default)]
     pub not_built: Vec<String>,
-    /// Whether a front is meaningful: both axes are costs.
+    /// Whether both axes are costs, so that a Pareto front is meaningful.
     pub costs: bool,
     /// The measured settings.
     pub points: Vec<Point>,
@@ -126,7 +126,7 @@ impl Panel {
         value
     }
 
-    /// An existing table; `None` if there is none, or other settings made it.
+    /// Reads an existing table; `None` if there is none, or if it has other settings.
     pub(crate) fn read(path: &Path, effort: &Effort) -> Result<Option<Self>, Failure> {
         let text = match std::fs::read_to_string(path) {
             Ok(text) => text,
@@ -150,7 +150,7 @@ impl Panel {
         serde_json::from_value(value).map(Some).map_err(damaged)
     }
 
-    /// A line per point, for the terminal or a program.
+    /// One line per point: text, or JSON if `json`.
     pub fn lines(&self, json: bool) -> Vec<String> {
         let point = |point: &Point| {
             if json {
@@ -185,7 +185,7 @@ impl Panel {
             .collect()
     }
 
-    /// The groups of its points in order of appearance, a picture each.
+    /// The groups of the points in order of appearance; each group has a picture.
     pub(crate) fn groups(&self) -> Vec<&str> {
         let mut groups: Vec<&str> = Vec::new();
         for point in &self.points {
@@ -196,7 +196,7 @@ impl Panel {
         groups
     }
 
-    /// Name of a group's picture without its ending.
+    /// File name of a group's picture, without extension.
     pub(crate) fn picture(&self, group: &str) -> String {
         match group.is_empty() {
             true => self.panel.clone(),
@@ -204,7 +204,7 @@ impl Panel {
         }
     }
 
-    /// PNG and SVG of each group.
+    /// Draws the picture of each group as PNG and SVG.
     pub(crate) fn draw(&self, place: &ArtifactCache<'_>) -> Result<(), Failure> {
         self.groups()
             .into_iter()
@@ -230,7 +230,7 @@ impl Panel {
         if curves.is_empty() {
             return Ok(());
         }
-        // curves with very many points show only those on the front
+        // of curves with very many points only those on the front are drawn
         for curve in curves.iter_mut().filter(|curve| curve.points.len() > MANY) {
             let all = curve.points.clone();
             curve.points.retain(|[time, error, _]| {
@@ -301,7 +301,7 @@ pub(crate) fn timed(
     })
 }
 
-/// The quantile of the values at a share of all.
+/// The quantile of the values at `share`, 0 to 1. Sorts `values`.
 pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let at = (share * values.len() as f64).ceil() as usize;
@@ -333,7 +333,7 @@ mod tests {
                 point(2.0, 3.0),
                 point(3.0, 4.0),
                 point(9.0, 1.0),
-                // equal to another, so neither dominates
+                // equal to another point, so neither dominates
                 point(9.0, 1.0),
             ],
         };

@@ -9,7 +9,7 @@ use crate::failure::Failure;
 /// A model trained for a diagram, and the time of its training.
 pub(crate) struct Trained {
     pub(crate) file: PathBuf,
-    /// Wall time of the training, from the run in which it took place.
+    /// Wall time of the training, s, from the run in which it took place.
     pub(crate) seconds: f64,
 }
 
@@ -18,7 +18,7 @@ impl Trained {
     pub(crate) fn new(place: &ArtifactCache<'_>, arguments: &str) -> Result<Self, Failure> {
         let name = arguments.replace("--", "").replace([' ', '='], "-");
         let name = format!("models/{name}.safetensors");
-        // also a model that has learnt nothing: the study shows what it is worth
+        // `--yes`: a model without any training success is accepted, because the study evaluates it
         let (file, seconds) = place.made_timed(&name, &format!("train {arguments} --yes"))?;
         Ok(Self { file, seconds })
     }
@@ -38,7 +38,7 @@ pub(crate) fn judged_sets(
 ) -> Result<Vec<PathBuf>, Failure> {
     (0..Effort::SEEDS)
         .map(|draw| {
-            // different from the seed of any training
+            // differs from the seed of any training
             let seed = 1000 * (effort.seed + 1) + draw;
             place.made(
                 &format!("sets/{set}-{count}-{seed}"),

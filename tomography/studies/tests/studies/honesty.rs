@@ -1,4 +1,5 @@
-//! The check of maps reports nothing on healthy frames, and names faults. Data are from a finer mesh than the model's.
+//! The quality check reports nothing on healthy frames, and names faults. Frames are simulated on a finer mesh than the
+//! model's.
 
 use studies::honesty::{self, MapMethod, MapSettings, QualityRow, Settings, Stated, TargetKind};
 
@@ -66,7 +67,7 @@ fn same_seed_gives_the_same_verdicts() {
 }
 
 /// Maps with the true noise stated are as accurate as those without, and more accurate than those with one
-/// regularisation for all frames.
+/// hyper-parameter for all frames.
 #[test]
 fn a_stated_noise_does_not_harm() {
     let settings = Settings {

@@ -1,4 +1,5 @@
-//! Results of the studies: presses of the paper's Test #1, the hard cases, and the check of maps.
+//! Tests of the studies: presses of the paper's Test #1, the hard cases, the quality check, maps over months, and
+//! others.
 
 mod honesty;
 mod months;

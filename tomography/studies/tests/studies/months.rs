@@ -1,4 +1,4 @@
-//! Presses are found while the sheet drifts. Data from the phantom's finer mesh.
+//! Presses are located while the sheet drifts. Frames are simulated on the phantom's finer mesh.
 
 use imaging::DriftRule;
 use studies::honesty::MapMethod;

@@ -1,5 +1,5 @@
-//! Test #1 of the paper on the simulated sheet: 16 presses of 10 mm with half the conductance lost, 2 uV of white noise on
-//! baseline and frame, data from the phantom's own finer mesh, one hyper-parameter from the noise.
+//! Test #1 of the paper on the simulated sheet: 16 presses of 10 mm with half the conductance lost, 2 uV of white noise
+//! on baseline and frame, frames simulated on the phantom's finer mesh, and one hyper-parameter derived from the noise.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -116,8 +116,8 @@ fn sixteen_presses_are_found_where_they_are() {
     }
 }
 
-/// The networks of the paper's size blur a press of 10 mm; their results are printed, and their files must fit the
-/// sheet.
+/// The files of the shipped networks must fit the sheet. Networks of the paper's size blur a press of 10 mm, so their
+/// results are only printed.
 #[test]
 fn the_shipped_networks_fit_the_sheet() {
     let mesh = Preset::default().mesh().unwrap();

@@ -1,5 +1,5 @@
-//! Two rods, 45 degrees apart, in a round tank of 16 electrodes: `best` shows two losses, linear maps one. Data are
-//! from a finer, different mesh than the model's. Limit: rods 46 mm apart, with 16 mm of liquid between them, merge.
+//! Two rods, 45 degrees apart, in a round tank of 16 electrodes: `best` shows two losses, linear maps show one. Frames
+//! are simulated on a finer mesh than the model's. Rods 46 mm apart, with 16 mm of liquid between them, merge.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use survey::{Amps, Protocol, Reading};
 const CURRENT: f64 = 1e-3;
 /// Standard deviation of a reading, as a share of the root mean square of the readings.
 const NOISE_SHARE: f64 = 1e-4;
-/// Radius of the tank, of the rods, and their distances from the middle, m.
+/// Radius of the tank, radius of the rods, and distances of the rods from the middle, m.
 const TANK: f64 = 0.15;
 const ROD: f64 = 0.015;
 const AWAY: [f64; 2] = [0.075, 0.1];
@@ -29,7 +29,7 @@ fn tank(fineness: f64, seeding: u32) -> DiscTank {
     }
 }
 
-/// Places of the rods.
+/// Centres of the rods, m.
 fn rods(away: f64) -> [[f64; 2]; 2] {
     [20.0_f64, 65.0].map(|degrees| {
         let (sin, cos) = degrees.to_radians().sin_cos();
@@ -63,7 +63,7 @@ impl Fine {
             rods.any(|rod| (at[0] - rod[0]).hypot(at[1] - rod[1]) < ROD)
         };
         let mesh = self.forward.mesh();
-        // a triangle that a border crosses has the geometric mean of its conductances
+        // a triangle crossed by the border of a rod has the geometric mean of both conductances
         let share = |triangle: usize| {
             let [a, b, c] = mesh.corners(triangle);
             let places = (0..64).filter(|k| {
@@ -138,7 +138,7 @@ fn two_rods_45_degrees_apart_are_two_losses() {
                         "{first} {middle} {second}"
                     );
                 }
-                // a smooth map merges the nearer ones, which shows that the bound can fail
+                // linear maps merge at least the closer rods, which shows that the bound can fail
                 _ => assert!(!apart || away > 0.09, "{first} {middle} {second}"),
             }
         }

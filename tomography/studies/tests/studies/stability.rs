@@ -32,7 +32,7 @@ fn holds(number: u8) {
         assert!(within(ours), "{line}");
         match (line["naive_breaks"].as_bool(), figure("naive")) {
             (Some(true), Some(naive)) => assert!(!within(naive), "{line}"),
-            // instead of a number, a text describes how the naive form fails
+            // a text instead of a number describes how the naive form fails
             (Some(true), None) => assert!(line["naive"].is_string(), "{line}"),
             // a text states why there is no naive form
             (None, naive) => assert!(naive.is_none() && line["naive"].is_string(), "{line}"),

@@ -1,5 +1,5 @@
-//! Changes outside of the region of interest: with the whole sheet unknown they are not taken for loads inside. Data from a
-//! mesh that is finer than the model's, 2 uV of noise on baseline and frame.
+//! Changes outside of the region of interest are not mapped as loads inside of it if the whole sheet is unknown. Frames
+//! are simulated on a finer mesh than the model's, with 2 uV of noise on baseline and frame.
 
 use imaging::{Conditions, Geometry, Method, ReconstructionSettings, Unknowns, build};
 use rand::SeedableRng;
@@ -18,7 +18,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// A frame, `factor` being that of the conductance by the place (m) of a triangle.
+    /// A frame; `factor` is the factor of the conductance as a function of the position (m) of a triangle.
     fn frame(&mut self, factor: impl Fn([f64; 2]) -> f64) -> Vec<Reading> {
         let answers = self.sheet.readings(&self.sheet.factors(factor)).unwrap();
         let mut volts: Vec<f64> = answers.iter().map(|answer| CURRENT * answer).collect();
@@ -43,7 +43,7 @@ impl Maps {
             .unwrap()
     }
 
-    /// Where an electrode is, m.
+    /// Position of an electrode, m.
     fn electrode(&self, index: usize) -> [f64; 2] {
         let mesh = &self.geometry.mesh;
         let ends: Vec<[f64; 2]> = mesh.electrode_edges()[index]
@@ -93,7 +93,7 @@ const CASES: [MethodLimits; 4] = [
         method: Method::OneStep,
         loss_only: true,
         press_mm: [4.0, 8.0],
-        // the triangle beside the electrode, which the load does cover, is at the bound
+        // the triangle next to the electrode, which the load does cover, is at the bound
         electrode: [1.0, 1.0],
     },
     MethodLimits {
@@ -110,7 +110,7 @@ const CASES: [MethodLimits; 4] = [
     },
 ];
 
-/// Computes `figure` of each method's maps, with the whole sheet unknown and with the region alone, and checks its
+/// Computes `figure` of each method's maps, with the whole sheet unknown and with the region alone, and checks the
 /// limits.
 fn compare(
     before: &[Reading],
@@ -170,7 +170,8 @@ fn a_load_over_an_electrode_is_no_load_in_the_region() {
     compare(&before, &loaded, &maps, largest, |case| case.electrode);
 }
 
-/// Loads between two electrodes lie outside of the region: the map says so, and near which electrode.
+/// Loads between two electrodes are outside of the region; the quality of the map reports that, and the nearest
+/// electrode.
 #[test]
 fn a_load_outside_of_the_region_is_reported() {
     let (maps, mut rig) = paper_sheet();

@@ -13,8 +13,8 @@ pub(super) struct Step {
 }
 
 impl Step {
-    /// Step `number`, from 1. With m' = m / (1 - beta1^t) and v' = v / (1 - beta2^t) the formula rate m' / (sqrt v' + eps)
-    /// becomes (rate r2 / r1) m / (sqrt v + eps r2), r1 = 1 - beta1^t, r2 = sqrt(1 - beta2^t).
+    /// Step `number`, from 1. With m' = m / (1 - beta1^t) and v' = v / (1 - beta2^t) the formula rate m' / (sqrt v' +
+    /// eps) becomes (rate r2 / r1) m / (sqrt v + eps r2), r1 = 1 - beta1^t, r2 = sqrt(1 - beta2^t).
     pub(super) fn new(rate: f64, beta1: f64, beta2: f64, epsilon: f64, number: u64) -> Self {
         let number = i32::try_from(number).unwrap_or(i32::MAX);
         let r1 = 1.0 - beta1.powi(number);

@@ -12,7 +12,7 @@ use crate::failure::Failure;
 
 /// Loss of conductance under a press.
 const LOSS: f64 = 0.5;
-/// Algorithm 1 of the paper: maximum polygons, radius (mm), vertices.
+/// Algorithm 1 of the paper: maximum number of polygons, their radius (mm), and their number of vertices.
 const POLYGONS: usize = 4;
 const RADIUS_MM: f64 = 70.0;
 const VERTICES: usize = 5;
@@ -50,14 +50,14 @@ pub(super) fn draw(set: TestSetName, k: usize, mesh: &Mesh, random: &mut ChaCha8
     }
 }
 
-/// Refuses discs that reach beyond the region of a mesh, whose maps would show a part of them, or nothing.
+/// Refuses discs that reach beyond the region of a mesh, because maps would show only a part of them.
 ///
 /// # Errors
-/// The first of them, and the extent of the region.
+/// The first such disc, and the extent of the region.
 pub(super) fn check_discs(set: TestSetName, drawn: &[Pressed], mesh: &Mesh) -> Result<(), Failure> {
     let [low, high] = bounds(mesh);
     let beyond = |&(centre, diameter): &([f64; 2], f64)| {
-        // rounding makes no press too wide
+        // a press that fits exactly is not refused because of rounding
         let reach = 0.5 * diameter * (1.0 - 1e-9);
         (0..2).any(|axis| centre[axis] - reach < low[axis] || centre[axis] + reach > high[axis])
     };
@@ -75,7 +75,8 @@ pub(super) fn check_discs(set: TestSetName, drawn: &[Pressed], mesh: &Mesh) -> R
     })
 }
 
-/// Relative change of every triangle of a mesh's region by covered shares; overlaps multiply.
+/// Relative change of every triangle of a mesh's region, in proportion to its covered share; the remaining shares under
+/// overlapping loads are multiplied.
 ///
 /// # Errors
 /// A load without an area.
@@ -117,7 +118,7 @@ fn disc(load: Load, diameter: f64) -> Pressed {
     }
 }
 
-/// A press of known mass: all combinations of mass and diameter in turn, so that pressures repeat at several positions.
+/// A press of known mass. Masses and diameters are combined in turn, so that each pressure occurs at several positions.
 fn mass(mesh: &Mesh, k: usize, random: &mut ChaCha8Rng) -> Pressed {
     let (mass, diameter) = (MASSES_KG[k % 6], DIAMETERS_MM[(k + k / 12) % 4]);
     let mut pressed = press(mesh, diameter, random);
@@ -127,8 +128,8 @@ fn mass(mesh: &Mesh, k: usize, random: &mut ChaCha8Rng) -> Pressed {
     pressed
 }
 
-/// A case of Algorithm 1 with a load: drawn again until it has one. The polygons are clipped at the region's border as
-/// in training.
+/// A case of Algorithm 1, drawn again until it has a load. The polygons are clipped at the region's border as in
+/// training.
 pub(crate) fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
     let [low, high] = bounds(mesh);
     loop {

@@ -1,4 +1,4 @@
-//! Test sets: a case folder with frames from a finer, different mesh, and files with the truth.
+//! Test sets: a case folder with frames simulated on a finer, different mesh, and files with the truth.
 //!
 //! `reconstruct` reads mesh, contacts, protocol and `frames.csv` (baseline first); only `evaluate` reads `truth.csv`
 //! and `presses.csv`.
@@ -30,13 +30,13 @@ pub(crate) use loads::{bounds, polygons, press};
 
 /// File with the description of a test set.
 pub const DESCRIPTION: &str = "judged.json";
-/// File with the places of the presses, where every load is one disc.
+/// File with the positions of the presses, if every load is one disc.
 pub const PRESSES: &str = "presses.csv";
 /// Current of every reading, A.
 const CURRENT: Amps = Amps(1e-3);
 /// Description of a test set.
 pub struct Description {
-    /// Name and noise of the set, for people.
+    /// Displayed name and noise of the set.
     pub name: String,
     /// White noise of one reading, V.
     pub noise_v: f64,
@@ -116,13 +116,13 @@ pub struct TestSet {
     pub set: TestSetName,
     /// White noise of one reading on baseline and frames, V; 0 for none.
     pub noise_v: f64,
-    /// Equal seeds give equal folders; training uses other random streams.
+    /// Seed of loads and noise: equal seeds give equal folders. Training uses other random streams.
     pub seed: u64,
-    /// Number of frames; default: that of the set. More than that is refused by the sets whose loads are fixed.
+    /// Number of frames; default: that of the set. Sets with fixed loads refuse more than that.
     pub count: Option<usize>,
     /// Standard deviation of the logarithm of conductance of an unevenly sprayed sheet.
     pub spray: Option<f64>,
-    /// Seed of the sheet, so that sets of different loads can have the same one; default: `seed`.
+    /// Seed of the sheet, so that sets of different loads can have the same sheet; default: `seed`.
     pub sheet_seed: Option<u64>,
     /// The simulated sheet.
     pub sheet: PaperSheet,
@@ -130,11 +130,11 @@ pub struct TestSet {
     pub case: Option<Case>,
 }
 
-/// The sheet of a set and the loads of its frames, before a frame is solved.
+/// The sheet of a set and the loads of its frames, before the frames are solved.
 struct Prepared {
     case: Case,
     phantom: Phantom,
-    /// The random stream after the loads: that of the noise.
+    /// The random stream after the loads were drawn; the noise is drawn from it next.
     random: ChaCha8Rng,
     drawn: Vec<Pressed>,
 }
@@ -145,12 +145,12 @@ pub struct Frames {
     /// The baseline, then the frames, V.
     frames: Vec<Vec<f64>>,
     truth: Vec<f64>,
-    /// `None` if a load is no disc.
+    /// Text of [`PRESSES`]; `None` if a load is not a disc.
     presses: Option<String>,
     description: Value,
 }
 
-/// Makes the folder; returns the number of frames without the baseline.
+/// Creates the folder of a test set; returns the number of frames without the baseline.
 ///
 /// # Errors
 /// Invalid options, a case of another sheet, or files that exist and may not be replaced.
@@ -161,7 +161,7 @@ pub fn make(options: &TestSet, folder: &Path, existing: Existing) -> Result<usiz
     }
 }
 
-/// Solves the frames of a set. A frame is an item of work in shards.
+/// Solves the frames of a set. Each frame is an item of work in shards.
 ///
 /// # Errors
 /// Invalid options, a case of another sheet, or shards that cannot be used.
@@ -297,7 +297,7 @@ impl Prepared {
 }
 
 impl Frames {
-    /// Adds noise in the order of the frames, and the truth.
+    /// Adds noise to the frames in their order, and computes the truth.
     fn new(
         options: &TestSet,
         case: Case,
@@ -328,7 +328,7 @@ impl Frames {
                     y * 1e-3,
                     diameter * 1e-3,
                     pressed.loads[0].loss,
-                    // blank is not known
+                    // blank if the mass is unknown
                     pressed.mass.map_or(String::new(), |mass| mass.to_string())
                 ));
             }
@@ -367,7 +367,7 @@ impl Frames {
         write(&folder.join("truth.csv"), existing, matrix_text(&truth))?;
         match &self.presses {
             Some(presses) => write(&folder.join(PRESSES), existing, presses.clone())?,
-            // those of a set that is replaced are no places of these loads
+            // the file of a replaced set does not belong to these loads
             None => outfile::remove(&folder.join(PRESSES), existing)?,
         }
         let description = format!("{}\n", self.description);

@@ -28,7 +28,7 @@ pub(crate) fn vanishing_contact() -> Result<Outcome, Failure> {
     }
     let shunt = tank.exact(&of(0.0), &tank.sigma);
     let at_zero = tank.ours(&of(0.0), &tank.sigma)?;
-    // the textbook has 1/z: the smallest z that a number can have stands for 0
+    // the textbook's form contains 1/z, so 0 is replaced by the smallest positive number
     let divided = tank.textbook::<f64>(&of(f64::MIN_POSITIVE), &tank.sigma, Ground::Node);
     let distance = |ohm: f64| -> Result<f64, Failure> {
         Ok(apart(&tank.ours(&of(ohm), &tank.sigma)?, &shunt))
@@ -105,7 +105,7 @@ pub(crate) fn open_contact() -> Result<Outcome, Failure> {
     ))
 }
 
-/// The voltage of a driven pair at 1 A.
+/// The voltage across a driven pair at 1 A, V.
 fn own(forward: &Forward, sigma: &[f64], pair: Dipole) -> Result<f64, Failure> {
     let question = Measurement {
         drive: pair,
@@ -138,7 +138,7 @@ pub(crate) fn floating() -> Result<Outcome, Failure> {
             .solve_currents(&tank.sigma, &currents),
         Err(ForwardError::CurrentSum { .. })
     );
-    // with a grounded node, the textbook's matrix does not check that currents sum to zero
+    // with a grounded node the textbook's form accepts currents whose sum is not zero
     let matrix = Bordered::<f64>::new(&tank.mesh, &tank.contact, &tank.sigma, &[], Ground::Node);
     let mut right = vec![0.0; matrix.size];
     right[matrix.electrode[0]] = 1.0;
@@ -203,7 +203,7 @@ fn four(width_mm: f64, edge_mm: f64, largest_mm: f64, growth: f64) -> PaperSheet
     }
 }
 
-/// Bottom to top.
+/// The pair from the bottom electrode to the top one.
 const ACROSS: Dipole = Dipole {
     plus: Electrode(0),
     minus: Electrode(2),
@@ -233,7 +233,7 @@ pub(crate) fn narrow_electrode() -> Result<Outcome, Failure> {
     let mut before: Option<[f64; 2]> = None;
     for width in [3.2, 1.6, 0.8, 0.4, 0.2, 0.1] {
         let graded = resistance(&four(width, width / 8.0, 5.4, 0.2), 0.0)?;
-        // on a mesh of 2 mm, an electrode is as wide as the edges that it touches
+        // on a mesh of 2 mm an electrode is as wide as the edges that it touches
         let touched = 2.0 * (width / 2.0).ceil();
         let coarse = resistance(&four(touched, 2.0, 2.0, 0.2), 0.0)?;
         if let Some([graded_before, coarse_before]) = before {
@@ -279,7 +279,7 @@ pub(crate) fn singular_ends() -> Result<Outcome, Failure> {
             ..four(16.0, edge, 8.0, growth)
         })
     };
-    // edges of 16 and 4 mm, against 1 mm graded
+    // edges of 16 and 4 mm: uniform, or graded down to 2 and 0.5 mm at the electrodes
     let reference = mesh(true, 8.0)?;
     let uniform = [mesh(false, 0.5)?, mesh(false, 2.0)?];
     let graded = [mesh(true, 0.5)?, mesh(true, 2.0)?];

@@ -16,7 +16,7 @@ use crate::stability::solvers::tank::{Tank, refused};
 pub(crate) const CENTRE: [f64; 2] = [0.45, 0.1];
 pub(crate) const RADIUS: f64 = 0.3;
 
-/// 1: a hole is meshed out, or left in the mesh with no conductance.
+/// 1: a hole that is removed from the mesh, or kept in the mesh without conductance.
 pub(crate) fn no_conductance() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let hole = tank.patch(CENTRE, RADIUS);
@@ -239,7 +239,7 @@ fn refine(tank: &Tank, sigma: &[f64], care: bool) -> (Vec<f64>, u32) {
         let mut x = vec![0.0; wide.size];
         let mut left = right.clone();
         for step in 1..=8 {
-            // scaled, so that a small residual does not underflow in f32
+            // the residual is scaled so that it does not underflow in f32
             let size = norm(&left);
             let scaled = left.iter().map(|r| (r / size) as f32).collect();
             for (x, dx) in x.iter_mut().zip(narrow.solve(scaled)) {
@@ -254,10 +254,10 @@ fn refine(tank: &Tank, sigma: &[f64], care: bool) -> (Vec<f64>, u32) {
             if norm(&now) < 1e-14 * norm(&right) {
                 break;
             }
-            // a NaN has not halved
+            // false for NaN
             let halved = norm(&now) <= 0.5 * size;
             if care && !halved {
-                // a residual at the rounding error does not halve either
+                // a residual of the size of the rounding error cannot be halved either
                 let settled = size <= 1e-9 * norm(&right);
                 if !settled {
                     return fall_back.solve(right);

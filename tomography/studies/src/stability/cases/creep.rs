@@ -7,7 +7,7 @@ use crate::stability::outcome::{Check, Naive, Outcome, worst};
 
 const SHARE: f64 = 0.4;
 
-/// x - (1 - exp(-x)), by its series where that cancels.
+/// x - (1 - exp(-x)); for small x by its series, to avoid cancellation.
 fn lag(x: f64) -> f64 {
     if x > 0.1 {
         return x + (-x).exp_m1();
@@ -20,7 +20,7 @@ fn lag(x: f64) -> f64 {
     sum
 }
 
-/// 40: the input rises to 1 within x time constants and is constant for as many, x from 1e-9 to 1e9.
+/// 40: the input rises to 1 within x time constants and is constant for x more, x from 1e-9 to 1e9.
 pub(crate) fn any_step() -> Result<Outcome, Failure> {
     let (mut ours, mut euler, mut careless) = (0.0, 0.0, 0.0);
     for exponent in -9..=9 {
@@ -31,7 +31,7 @@ pub(crate) fn any_step() -> Result<Outcome, Failure> {
         let first = term.held(0.0, 1.0);
         ours = worst(ours, (first - risen).abs());
         ours = worst(ours, (term.held(first, 0.0) - rested).abs());
-        // h' = -h / tau + g e', explicit
+        // explicit Euler scheme of h' = -h / tau + g e'
         euler = worst(euler, (SHARE * (1.0 - x) - rested).abs());
         careless = worst(careless, (SHARE * (1.0 - (-x).exp()) / x - risen).abs());
     }

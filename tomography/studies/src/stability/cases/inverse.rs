@@ -22,7 +22,7 @@ fn unsolved(fault: OneStepError) -> Failure {
     Failure::of("the one-step method", &fault)
 }
 
-/// A tank of sixteen electrodes with a load, its frames, and its sensitivity at the current.
+/// A tank of sixteen electrodes with a load, its frames, and its sensitivity at the drive current.
 struct Loaded {
     tank: Tank,
     baseline: Vec<Reading>,
@@ -45,7 +45,8 @@ impl Loaded {
             .map_err(refused)?
             * (CURRENT * tank.sigma[0]);
         let mut change = &after - &before;
-        // twins equal to the last bit: with a tiny lambda, their rounding differences would show in the map
+        // reciprocal rows are made equal bit for bit, because with a tiny lambda differences by rounding would appear
+        // in the map
         for (reading, twin) in tank.protocol.reciprocal_twins().into_iter().enumerate() {
             if let Some(twin) = twin.filter(|&twin| twin < reading) {
                 let row = sensitivity.row(twin).into_owned();
@@ -92,7 +93,8 @@ fn far(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
     if apart.is_nan() { f64::INFINITY } else { apart }
 }
 
-/// 14: half of the readings repeat the other half, and the singular values of the rest span thirteen decades.
+/// 14: half of the readings are reciprocal to the other half, and the singular values of the rest span thirteen
+/// decades.
 pub(crate) fn without_rank() -> Result<Outcome, Failure> {
     let loaded = Loaded::new(0.3, 0.5)?;
     let svd = SVD::new(loaded.sensitivity.clone(), true, true);
@@ -152,7 +154,7 @@ fn normal_equations(loaded: &Loaded, lambda: f64) -> DVector<f64> {
     }
 }
 
-/// 15: hyper-parameters at both ends.
+/// 15: hyper-parameters close to zero and to infinity.
 pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
     let loaded = Loaded::new(0.3, 0.5)?;
     let svd = SVD::new(loaded.sensitivity.clone(), false, false);
@@ -293,7 +295,7 @@ struct Smoothed {
     alpha: f64,
 }
 
-/// Two triangles and the length of their border, m.
+/// Two adjacent triangles and the length of their common side, m.
 struct Border {
     sides: [usize; 2],
     length: f64,
@@ -333,7 +335,7 @@ impl Smoothed {
                 None => DVector::from_element(x.len(), f64::NAN),
             };
         }
-        // `amax` ignores NaN
+        // `amax` would ignore NaN
         if x.iter().all(|x| x.is_finite()) {
             x
         } else {
@@ -342,7 +344,7 @@ impl Smoothed {
     }
 }
 
-/// 17: the same image on other triangles.
+/// 17: the same image on meshes with other triangles.
 pub(crate) fn unequal_triangles() -> Result<Outcome, Failure> {
     let tank = |seeding| {
         Tank::of(eit::DiscTank {
@@ -420,7 +422,7 @@ fn disc(tank: &Tank) -> Vec<f64> {
     image
 }
 
-/// The sum of an image's jumps.
+/// The sum of an image's jumps between adjacent triangles.
 fn jumps(mesh: &Mesh, image: &[f64]) -> f64 {
     borders(mesh)
         .iter()
@@ -428,9 +430,9 @@ fn jumps(mesh: &Mesh, image: &[f64]) -> f64 {
         .sum()
 }
 
-/// Variation of an image by our objective, m.
+/// Variation of an image according to the objective of [`eit::Tv`], m.
 fn variation(tank: &Tank, image: &[f64]) -> Result<f64, Failure> {
-    // so large that the readings' part of the objective vanishes
+    // so large that the misfit is negligible in the objective
     const ALPHA: f64 = 1e18;
     let unsolved = |fault| Failure::of("total variation", &fault);
     let options = TvOptions {

@@ -81,7 +81,7 @@ pub(crate) fn constant_channel() -> Result<Outcome, Failure> {
     let mean = column.iter().sum::<f64>() / column.len() as f64;
     let variance = column.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
     let divided = (column[0] - mean) / variance.sqrt();
-    // its scale starts at 1, and stays there because its gradient is zero
+    // the scale starts at 1 and does not change, because its gradient is zero
     let gain = f64::from(network.normalisation()[1][3]) * epsilon.sqrt();
     Ok(Outcome::of([
         Check::at_most(
@@ -106,7 +106,8 @@ pub(crate) fn constant_channel() -> Result<Outcome, Failure> {
 /// 26: readings of very different magnitude.
 pub(crate) fn scales() -> Result<Outcome, Failure> {
     const CHANNELS: usize = 64;
-    // 2100 : 1, each with mean and deviation of similar size, except one with ten times the mean
+    // magnitudes from 1 to 1/2100; mean and standard deviation are equal, except for one reading with a mean 2100 times
+    // larger
     let size = |k: usize| 2100_f64.powf(-(k as f64) / (CHANNELS - 1) as f64);
     let far = |k: usize| if k == 5 { 2100.0 } else { 1.0 };
     let mean: Vec<f32> = (0..CHANNELS).map(|k| (far(k) * size(k)) as f32).collect();
@@ -151,7 +152,7 @@ pub(crate) fn scales() -> Result<Outcome, Failure> {
     .noted("ours takes the mean away first and is not folded; naive: mean and gain folded into weights and bias in f32"))
 }
 
-/// 27: elu at both ends.
+/// 27: ELU for very large arguments of both signs.
 pub(crate) fn saturation() -> Result<Outcome, Failure> {
     let arguments = [-1e4_f32, 1e4, -1e-6, -200.0, 90.0];
     let masked = |x: f32| {
@@ -301,7 +302,7 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
             let far = found.iter().zip(&exact).map(|(a, b)| (a - b).abs());
             far.fold(0.0, worst)
         };
-        // centroid of the loss; a contour on so coarse a mesh would jump by triangles
+        // the position is the centroid of the loss; on so coarse a mesh a contour would jump by triangles
         let place = |values: &[f64]| {
             let mut sums = [0.0; 3];
             for ((value, c), area) in values.iter().zip(&centroids).zip(&areas) {
@@ -326,7 +327,7 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
                 *shift = worst(*shift, away(place(&found)));
             }
         }
-        // one scale per layer, three bits: as coarse as one byte with outliers
+        // naive: one byte with one scale per layer, and truncation
         let coarse = wide(&network, &sample.input, |largest, weight| {
             let step = largest / 127.0;
             (weight / step).trunc() * step

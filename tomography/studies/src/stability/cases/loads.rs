@@ -13,7 +13,7 @@ use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome};
 use crate::stability::solvers::tank::Tank;
 
-/// Maps with noise of one unit in the last place.
+/// Number of maps with noise of one unit in the last place.
 const NOISY_MAPS: u64 = 50;
 const DAYS_90_S: u32 = 90 * 24 * 3600;
 
@@ -25,7 +25,7 @@ fn quantifier(mesh: &Mesh) -> Result<Quantifier, Failure> {
     Ok(Quantifier::of_surface(surface, settings, unit))
 }
 
-/// A frame with these losses.
+/// The quantities of a frame with these losses.
 fn taken(quantifier: &mut Quantifier, at_s: f64, losses: &[f64]) -> FrameQuantities {
     let map = Map::relative("", losses.iter().map(|loss| -loss).collect(), "given");
     let judged = JudgedMap {
@@ -38,7 +38,7 @@ fn taken(quantifier: &mut Quantifier, at_s: f64, losses: &[f64]) -> FrameQuantit
     quantifier.take(at_s, Some(&judged))
 }
 
-/// The next number up or down, or the number itself.
+/// At random the next larger number, the next smaller one, or the number itself.
 fn last_place(value: f64, random: &mut ChaCha8Rng) -> f64 {
     match random.random_range(0..3) {
         0 => value.next_up(),
@@ -47,7 +47,7 @@ fn last_place(value: f64, random: &mut ChaCha8Rng) -> f64 {
     }
 }
 
-/// Triangles of the map that share a side with each.
+/// For each triangle of the map the triangles that share a side with it.
 fn neighbours(mesh: &Mesh) -> Vec<Vec<usize>> {
     let mut neighbours = vec![Vec::new(); mesh.region().len()];
     for ([a, b], _) in mesh.borders(mesh.region()) {
@@ -57,7 +57,7 @@ fn neighbours(mesh: &Mesh) -> Vec<Vec<usize>> {
     neighbours
 }
 
-/// Naive: a triangle above the threshold that no neighbour exceeds is a hot spot.
+/// The naive count: each triangle at or above the threshold that no neighbour exceeds is a hot spot.
 fn maxima(neighbours: &[Vec<usize>], losses: &[f64], threshold: f64) -> usize {
     let is_maximum = |place: usize| {
         let mut around = neighbours[place].iter();
@@ -66,7 +66,7 @@ fn maxima(neighbours: &[Vec<usize>], losses: &[f64], threshold: f64) -> usize {
     (0..losses.len()).filter(|place| is_maximum(*place)).count()
 }
 
-/// 36: a constant map, two equal plateaus with noise in the last place, and a load at the threshold.
+/// 36: a constant map, two equal plateaus with noise in the last place, and loads at the threshold.
 pub(crate) fn hot_spots() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let mesh = &tank.mesh;
@@ -112,7 +112,7 @@ pub(crate) fn hot_spots() -> Result<Outcome, Failure> {
         let map = noisy(&two);
         changed = changed.max(count(&map)?.abs_diff(exact[0]));
         naive_changed = naive_changed.max(maxima(&around, &map, threshold).abs_diff(exact[1]));
-        // each patch is below the threshold as a whole, then again above it
+        // all values are alternately just below the threshold and at it
         let shift = if seed % 2 == 0 { 1.0 - 1e-15 } else { 1.0 };
         let map: Vec<f64> = at_threshold.iter().map(|loss| loss * shift).collect();
         let frame = taken(&mut followed, 1.0 + seed as f64, &map);
@@ -149,7 +149,7 @@ pub(crate) fn hot_spots() -> Result<Outcome, Failure> {
     .noted("naive: each triangle above the threshold that no neighbour exceeds"))
 }
 
-/// 37: 0.1 for 90 days at 1 Hz; a gap of two hours in a load that stays.
+/// 37: the dose of 0.1 for 90 days at 1 Hz; and a gap of two hours in the frames of a constant load.
 pub(crate) fn dose() -> Result<Outcome, Failure> {
     let exact = 0.1 * f64::from(DAYS_90_S);
     let (mut sum, mut excess, mut plain, mut single) = (0.0, 0.0, 0.0_f64, 0.0_f32);
@@ -167,7 +167,7 @@ pub(crate) fn dose() -> Result<Outcome, Failure> {
         let value = frame.regions[0].values.get(Quantity::Unrelieved);
         value.unwrap_or(f64::INFINITY)
     };
-    // a frame a minute for three hours, two hours without any, then one more
+    // one frame per minute for three hours, two hours without frames, then one more frame
     let mut lost = [0.0; 2];
     for (of, counted_as_empty) in [(0, false), (1, true)] {
         let mut followed = quantifier(&tank.mesh)?;
@@ -180,7 +180,7 @@ pub(crate) fn dose() -> Result<Outcome, Failure> {
                 taken(&mut followed, 60.0 * f64::from(minute), &none);
             }
         }
-        // a clock that is set back by a minute afterwards
+        // the clock is set back by a minute afterwards
         let after = taken(&mut followed, 60.0 * 300.0, &load);
         let set_back = taken(&mut followed, 60.0 * 299.0, &load);
         lost[of] = (before - unrelieved(&after)).abs() + (before - unrelieved(&set_back)).abs();

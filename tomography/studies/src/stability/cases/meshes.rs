@@ -1,4 +1,4 @@
-//! Hard cases 9, 12 and 13: slivers, the effect of the mesh's error on a difference, and the sensitivity.
+//! Hard cases 9, 12 and 13: slivers, the effect of the discretisation error on a difference, and the sensitivity.
 
 use std::sync::Arc;
 
@@ -44,7 +44,7 @@ pub(crate) fn sliver() -> Result<Outcome, Failure> {
     turned[0].swap(1, 2);
     let [a, b, c] = turned[0].map(|node| flat.nodes()[node]);
     let unsigned = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
-    // by the law of cosines in f32, which rounds the cosine of such an angle to 1
+    // naive: the law of cosines in f32, which rounds the cosine of such an angle to 1
     let by_cosine = flat
         .triangles()
         .iter()
@@ -94,7 +94,7 @@ fn cosine(mesh: &Mesh, corners: [usize; 3], k: usize) -> f32 {
     ((near + far - opposite) / (2.0 * (near * far).sqrt())).min(1.0)
 }
 
-/// Errors of the change of V by a sliver of the given angle: ours, and the textbook's in f32.
+/// Errors of V on a mesh with a sliver of the given angle: ours, and the textbook's in f32.
 pub(crate) fn sliver_errors(
     tank: &Tank,
     before: &[f64],
@@ -115,7 +115,8 @@ fn split(tank: &Tank) -> usize {
     tank.patch([0.3, 0.3], 0.2)[0]
 }
 
-/// A triangle split at a point so near to the middle of its first side that two angles have this size in degrees.
+/// The mesh with a triangle split at a point so close to the middle of its first side that two angles have this size,
+/// degrees.
 fn with_sliver(tank: &Tank, degrees: f64) -> Result<Mesh, Failure> {
     let mesh = &tank.mesh;
     let t = split(tank);
@@ -134,7 +135,7 @@ fn with_sliver(tank: &Tank, degrees: f64) -> Result<Mesh, Failure> {
         .map_err(|fault| Failure::of("the mesh with a sliver", &fault))
 }
 
-/// 12: the mesh's error in a voltage, and in a difference.
+/// 12: the discretisation error of a voltage, and of a difference.
 pub(crate) fn mesh_error() -> Result<Outcome, Failure> {
     let solve = |fineness: f64, seeding: [u32; 2]| -> Result<[DVector<f64>; 2], Failure> {
         let of = |seeding, loaded| -> Result<DVector<f64>, Failure> {
@@ -185,7 +186,7 @@ pub(crate) fn mesh_error() -> Result<Outcome, Failure> {
     .noted("naive: another mesh for the loaded sheet; and below it, the error of V itself, for which fine meshes are made"))
 }
 
-/// 13: the sensitivity compared with differences.
+/// 13: the sensitivity compared with finite differences.
 pub(crate) fn sensitivity() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let sigma: Vec<f64> = (0..tank.sigma.len())

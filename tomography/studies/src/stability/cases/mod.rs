@@ -1,5 +1,5 @@
-//! The hard cases by topic: each function measures a naive implementation and ours.
-//! The table of all cases is in `stability`, the reference solvers are in `solvers`.
+//! The hard cases by topic. Each function measures a naive implementation and the one of this project ("ours"). The
+//! table of all cases is in `stability`, the reference solvers are in `solvers`.
 
 pub(super) mod contacts;
 pub(super) mod contrast;

@@ -1,4 +1,4 @@
-//! Hard cases 35 and 38: the order of sums on any number of threads, and degenerate polygons.
+//! Hard cases 35 and 38: results on any number of threads, and degenerate polygons.
 
 use eit::{Model, TrainingSettings};
 
@@ -48,7 +48,7 @@ pub(crate) fn threads() -> Result<Outcome, Failure> {
     .noted("naive: a sum in f32 with as many parts as there are threads"))
 }
 
-/// A sum divided by the number of threads.
+/// The bits of a sum that is divided into as many parts as there are threads.
 fn summed(threads: usize) -> u32 {
     let values: Vec<f32> = (0..100_000)
         .map(|i| (i as f32 * 0.37).sin() + 1.0)
@@ -83,7 +83,7 @@ pub(crate) fn polygons() -> Result<Outcome, Failure> {
     };
     let [empty, wrong] = drawn(0.07)?;
     let [none, _] = drawn(1e-12)?;
-    // naive rule: a point is inside if it is to the right of no side, so that without sides everything is inside
+    // naive rule: a point is inside if it is not to the right of any side, so without sides every point is inside
     let corners = |count: usize| -> Vec<[f64; 2]> {
         let turn = |k: usize| std::f64::consts::TAU * k as f64 / count as f64;
         (0..count).map(|k| [turn(k).cos(), turn(k).sin()]).collect()

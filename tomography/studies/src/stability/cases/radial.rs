@@ -1,5 +1,5 @@
-//! Hard cases 19 to 24: radial basis functions that are almost parallel, duplicated, heavy-tailed, many, close, or
-//! distant.
+//! Hard cases 19 to 24: radial basis functions that are almost parallel, and samples that are duplicated, heavy-tailed,
+//! many, close together, or far from every neuron.
 
 use eit::{Jitter, RbfNetwork, ReconstructError, TrainingReport, TrainingSettings};
 use nalgebra::{DMatrix, DVector, SVD};
@@ -12,7 +12,7 @@ use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::Tank;
 use training::rbf::SPREAD_RULED;
 
-/// A hand-made training set.
+/// A training set with given samples.
 pub(crate) struct Made {
     pub(crate) inputs: Vec<Vec<f32>>,
     pub(crate) targets: Vec<Vec<f32>>,
@@ -33,7 +33,7 @@ impl Made {
             cases: self.inputs.len(),
             repeats: 1,
             neurons,
-            // negligible compared with any input
+            // jitter that is negligible compared with any input
             jitter: Jitter::Matched {
                 noise_v: 1e-30,
                 current_a: 1.0,
@@ -107,7 +107,7 @@ fn squared(a: &[f32], b: &[f32]) -> f64 {
         .sum()
 }
 
-/// 19: neurons far wider than their distances.
+/// 19: neurons much wider than their distances.
 pub(crate) fn flat_limit() -> Result<Outcome, Failure> {
     const SAMPLES: usize = 60;
     let set = on_curve(SAMPLES);
@@ -314,7 +314,7 @@ pub(crate) fn near_duplicates() -> Result<Outcome, Failure> {
     for input in &set.inputs {
         let wide: Vec<f64> = input.iter().map(|x| f64::from(*x)).collect();
         ours = worst(ours, network.novelty(&wide));
-        // b one ulp away in some places
+        // a copy of the input that differs by one unit in the last place in some components
         let other: Vec<f32> = input
             .iter()
             .enumerate()

@@ -1,4 +1,4 @@
-//! Hard cases 30 and 32 to 34: missing readings, tiny baselines, reversed signs, and one channel with a spike.
+//! Hard cases 30 and 32 to 34: missing readings, tiny baseline readings, reversed signs, and one channel with a spike.
 
 use eit::{MOST_MISSING, OneStep, OneStepOptions, ReconstructError, Reconstructor};
 use nalgebra::{DMatrix, DVector};
@@ -18,7 +18,7 @@ struct Scene {
     baseline: Vec<f64>,
     frame: Vec<f64>,
     step: OneStep,
-    /// Root mean square of the default map's noise.
+    /// Rms of the noise of the default map.
     noise: f64,
 }
 
@@ -74,7 +74,7 @@ impl Scene {
     }
 }
 
-/// Root mean square over the map of the effect of the default noise.
+/// Rms over the map of the effect of the default noise.
 fn spread(step: &OneStep) -> Result<f64, Failure> {
     let deviation = std::f64::consts::SQRT_2 * eit::DEFAULT_NOISE_V / CURRENT;
     let matrix = matrix(step)?;
@@ -90,7 +90,7 @@ fn rms(map: &DVector<f64>) -> f64 {
     map.norm() / (map.len() as f64).sqrt()
 }
 
-/// 30: a reading that is not a number.
+/// 30: a missing reading.
 pub(crate) fn no_reading() -> Result<Outcome, Failure> {
     let scene = Scene::tank()?;
     let (baseline, frame) = (measured(&scene.baseline), measured(&scene.frame));
@@ -103,14 +103,14 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
         let (map, masked) = scene.map(&baseline, &holed)?;
         ours = worst(ours, rms(&(&map - &whole)) / scene.noise);
         miscounted += usize::from(masked != 1);
-        // the voltmeter's overload value taken for a voltage
+        // naive: the voltmeter's overload value used as a voltage
         let poison = matrix.column(k) * ((9.9e37 - scene.frame[k]) / CURRENT);
         zeroed = worst(zeroed, rms(&poison.into_owned()) / scene.noise);
     }
     let mut most = frame.clone();
     let count = (MOST_MISSING * frame.len() as f64) as usize + 1;
     most[..count].fill(Reading::NotMeasured);
-    // zeros for what is missing
+    // naive: no change where readings are missing
     let change = DVector::from_fn(frame.len(), |k, _| match k < count {
         true => 0.0,
         false => (scene.frame[k] - scene.baseline[k]) / CURRENT,
@@ -159,7 +159,7 @@ pub(crate) fn tiny_baseline() -> Result<Outcome, Failure> {
     (baseline[least], frame[least]) = (0.0, 0.0);
     let (dead, _) = scene.map(&measured(&baseline), &measured(&frame))?;
     let relative = (frame[least] - baseline[least]) / baseline[least];
-    // what the noise of one reading changes in the map
+    // the change of the map by the noise of one reading
     let shaken = |k: usize| -> Result<f64, Failure> {
         let mut noisy = scene.frame.clone();
         noisy[k] += eit::DEFAULT_NOISE_V;
@@ -229,13 +229,13 @@ pub(crate) fn reversed_leads() -> Result<Outcome, Failure> {
     .noted("naive: the magnitude of every reading"))
 }
 
-/// A frame like those of a rig.
+/// A frame as a rig would return it.
 fn frame(scene: &Scene, readings: Vec<Reading>) -> Frame {
     let hash = scene.tank.protocol.hash();
     plain_frame(readings, hash, Amps(CURRENT), Volts(1.0))
 }
 
-/// 34: one channel a hundred times too large.
+/// 34: one channel with a reading a hundred times too large.
 pub(crate) fn one_spike() -> Result<Outcome, Failure> {
     let scene = Scene::paper()?;
     let (whole, _) = scene.map(&measured(&scene.baseline), &measured(&scene.frame))?;

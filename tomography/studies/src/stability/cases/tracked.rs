@@ -1,5 +1,5 @@
-//! Hard cases of baselines: 31, an electrode that opens while the baseline is tracked, and 39, a load on the sheet while
-//! it is recorded.
+//! Hard cases 31 and 39: an electrode that opens while the baseline is tracked, and a load on the sheet while the
+//! baseline is recorded.
 
 use std::sync::Arc;
 
@@ -18,13 +18,13 @@ use crate::stability::outcome::{Check, Naive, Outcome, worst};
 const SEED: u64 = 31;
 /// Interval of the frames, s.
 const EVERY_S: f64 = 600.0;
-/// Empty frames before the electrode opens, which it does between two frames.
+/// Number of empty frames before the electrode opens, which happens between two frames.
 const BEFORE: usize = 12;
-/// The electrode, from 0: in the middle of the left side.
+/// The electrode, counted from 0, in the middle of the left side.
 const ELECTRODE: usize = 22;
-/// Diameter of the presses, mm; they take half of the conductance.
+/// Diameter of the presses, mm; each halves the conductance.
 const PRESS_MM: f64 = 10.0;
-/// Their places, mm: within 45 mm of the electrode, and elsewhere.
+/// Positions of the presses, mm: within 45 mm of the electrode, and elsewhere.
 const NEAR_MM: [[f64; 2]; 4] = [[40.0, 100.0], [42.0, 115.0], [40.0, 132.0], [48.0, 122.0]];
 const ELSEWHERE_MM: [[f64; 2]; 4] = [[107.0, 115.0], [150.0, 70.0], [160.0, 160.0], [90.0, 180.0]];
 
@@ -32,15 +32,15 @@ const ELSEWHERE_MM: [[f64; 2]; 4] = [[107.0, 115.0], [150.0, 70.0], [160.0, 160.
 struct Located {
     near: Vec<f64>,
     elsewhere: Vec<f64>,
-    /// Of the shipped map with the baseline as recorded, near.
+    /// Errors near the electrode of the default one-step map with the baseline as recorded.
     naive_near: Vec<f64>,
-    /// Electrodes that are left out at the end, from 0.
+    /// Electrodes whose readings are not used at the end, counted from 0.
     masked: Vec<usize>,
-    /// Frames from the opening on until the electrode is left out.
+    /// Number of frames from the opening on until the electrode's readings are not used; 0 if that did not happen.
     named_after: usize,
 }
 
-/// Follows the sheet through the opening of the electrode, or without, and presses it.
+/// Tracks the baseline of a sheet, whose electrode opens if `opens`, then presses the sheet.
 fn follow(opens: bool, geometry: &Geometry, one_step: &Model) -> Result<Located, Failure> {
     let failed = |fault| Failure::of("the tracked baseline", &fault);
     let from_s = EVERY_S * (BEFORE as f64 + 0.2);
@@ -109,7 +109,7 @@ fn follow(opens: bool, geometry: &Geometry, one_step: &Model) -> Result<Located,
     Ok(out)
 }
 
-/// 31: an electrode opens between two frames; its readings are left out.
+/// 31: an electrode opens between two frames; its readings are not used from then on.
 pub(crate) fn open_electrode() -> Result<Outcome, Failure> {
     let geometry = sheet::geometry()?;
     let one_step = shipped(&geometry)?;
@@ -153,21 +153,23 @@ pub(crate) fn open_electrode() -> Result<Outcome, Failure> {
     .noted("Readings of the electrode are marginalised, its ring is not planned again."))
 }
 
-/// Seeds of the sheets of case 39, which differ in their contacts and in their noise.
+/// Seeds of the sheets of case 39, which differ in contacts and noise.
 const SHEETS: std::ops::Range<u64> = 390..398;
-/// Frames of a baseline.
+/// Number of frames of a baseline.
 const FRAMES: usize = 10;
-/// Their contacts and thermal voltages, and uneven spraying.
+/// Effects of these sheets: contacts and thermal voltages, and uneven spraying.
 const EVERYDAY: &str = "[effects.contact-spread]\nstd = 0.3\n[effects.thermal-emf]\nuv = 0.9\n";
 const SPRAYED: &str = "[effects.spray]\nstd = 0.1\n";
-/// The load that lies there: place, and diameters of one that shows in a first baseline and of one that does not, mm.
+/// The load during a baseline, mm: position, diameter of a load that is detected in a first baseline, and diameter of
+/// one that is not.
 const LAID_MM: [f64; 2] = [150.0, 70.0];
 const WIDE_MM: f64 = 30.0;
 const NARROW_MM: f64 = 10.0;
-/// Loss of a map that shows the load, which takes half of the conductance.
+/// Smallest largest loss of a map that shows the load, which halves the conductance.
 const SHOWN: f64 = 0.1;
 
-/// Baselines of one sheet: empty, with the wide load, with the narrow one, and empty again; and a frame with the wide load.
+/// Baselines of one sheet: empty, with the wide load, with the narrow one, and empty again; and a frame with the wide
+/// load.
 struct Recorded {
     empty: Baseline,
     wide: Baseline,

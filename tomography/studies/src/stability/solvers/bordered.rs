@@ -60,7 +60,7 @@ impl Number for Quad {
     }
 }
 
-/// How the potential's constant is fixed.
+/// How the constant of the potential is fixed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Ground {
     /// A mesh node away from the electrodes.
@@ -69,7 +69,7 @@ pub(crate) enum Ground {
     NodeAt(usize),
     /// The voltage of an electrode.
     Electrode(usize),
-    /// Not at all.
+    /// The constant is not fixed.
     Nothing,
     /// A conductance to ground at every unknown, as a share of the largest diagonal entry.
     Everywhere(f64),
@@ -84,7 +84,7 @@ pub(crate) struct Bordered<T> {
 }
 
 impl<T: Number> Bordered<T> {
-    /// A contact impedance of zero makes an electrode and its nodes one unknown; so are `merged` nodes.
+    /// An electrode with a contact impedance of zero and its nodes are one unknown; so are the `merged` nodes.
     pub(crate) fn new(
         mesh: &Mesh,
         contact: &[f64],
@@ -184,7 +184,7 @@ impl<T: Number> Bordered<T> {
         self.entries[at * self.size + at] = T::of(1.0);
     }
 
-    /// 1 A through a pair.
+    /// The right side for 1 A through a pair.
     pub(crate) fn drive(&self, pair: Dipole) -> Vec<T> {
         let mut right = vec![T::of(0.0); self.size];
         right[self.electrode[pair.plus.0]] = T::of(1.0);
@@ -262,7 +262,7 @@ impl<T: Number> Factored<T> {
     }
 }
 
-/// Readings from a function that solves for a driven pair.
+/// The readings of a protocol at 1 A, V; `solve` returns the solution for a driven pair.
 pub(crate) fn read<T: Number>(
     protocol: &Protocol,
     electrode: &[usize],

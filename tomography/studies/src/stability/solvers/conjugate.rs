@@ -1,17 +1,17 @@
-//! Naive conjugate gradients with a diagonal preconditioner: they rely on the updated residual.
+//! Naive conjugate gradients with a diagonal preconditioner, which rely on the updated residual.
 
 use super::bordered::Bordered;
 
 /// Stopping criterion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Until {
-    /// The updated residual is this share of the right side.
+    /// The norm of the updated residual is at most this share of that of the right side.
     Residual(f64),
-    /// No unknown moves by more than this, V.
+    /// No unknown changes by more than this, V.
     Step(f64),
 }
 
-/// The solution at which the method stops.
+/// The solution when the stopping criterion or the maximum number of steps is reached.
 pub(crate) fn solve(
     matrix: &Bordered<f64>,
     right: &[f64],

@@ -1,5 +1,5 @@
-//! Forward solutions for comparison: dense in any number format, by conjugate gradients, and a small tank to solve.
-//! The cases measure with them.
+//! Forward solvers for comparison (dense in any number format, conjugate gradients), and the small tank that they
+//! solve.
 
 pub(super) mod bordered;
 pub(super) mod conjugate;

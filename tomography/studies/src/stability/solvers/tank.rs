@@ -19,15 +19,15 @@ use crate::sheet::protocol;
 pub(crate) struct Tank {
     pub(crate) preset: DiscTank,
     pub(crate) mesh: Arc<Mesh>,
-    /// Contact of each electrode, ohm m.
+    /// Contact impedance of each electrode, ohm m.
     pub(crate) contact: Vec<f64>,
-    /// Conductance of the unloaded sheet.
+    /// Conductance of each triangle of the unloaded sheet, S per square.
     pub(crate) sigma: Vec<f64>,
     pub(crate) protocol: Protocol,
 }
 
 impl Tank {
-    /// Eight electrodes of 100 ohm, some hundreds of nodes.
+    /// A tank with eight electrodes of 100 ohm and some hundreds of nodes.
     pub(crate) fn small() -> Result<Self, Failure> {
         Self::of(DiscTank {
             electrodes: 8,
@@ -37,7 +37,7 @@ impl Tank {
         })
     }
 
-    /// Sixteen electrodes, for reconstructions.
+    /// A tank with sixteen electrodes, for reconstructions.
     pub(crate) fn sixteen(fineness: f64) -> Result<Self, Failure> {
         Self::of(DiscTank {
             fineness,
@@ -45,7 +45,7 @@ impl Tank {
         })
     }
 
-    /// The paper's sheet, coarse.
+    /// The paper's sheet on a coarse mesh.
     pub(crate) fn paper() -> Result<Self, Failure> {
         let sheet = PaperSheet {
             fineness: 0.4,
@@ -108,13 +108,13 @@ impl Tank {
         Forward::new(Arc::clone(&self.mesh), contact).map_err(refused)
     }
 
-    /// Our readings at 1 A, V.
+    /// The readings of `eit` at 1 A, V.
     pub(crate) fn ours(&self, contact: &[f64], sigma: &[f64]) -> Result<Vec<f64>, Failure> {
         let readings = self.forward(contact)?.readings(sigma, &self.protocol);
         Ok(readings.map_err(refused)?.as_slice().to_vec())
     }
 
-    /// The textbook's readings in a given precision.
+    /// The readings of the textbook's form in a given precision.
     pub(crate) fn textbook<T: Number>(
         &self,
         contact: &[f64],
@@ -124,7 +124,7 @@ impl Tank {
         Bordered::<T>::new(&self.mesh, contact, sigma, &[], ground).readings(&self.protocol)
     }
 
-    /// The readings in twice the precision.
+    /// The readings of the textbook's form in twice the precision of f64.
     pub(crate) fn exact(&self, contact: &[f64], sigma: &[f64]) -> Vec<f64> {
         self.textbook::<Quad>(contact, sigma, Ground::Node)
     }

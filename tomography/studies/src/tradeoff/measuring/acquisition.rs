@@ -21,25 +21,25 @@ use crate::tradeoff::Effort;
 use crate::tradeoff::panel::FARTHEST_MM;
 use crate::tradeoff::panel::{Panel, Point};
 
-/// A press of 10 mm that takes half the conductance, at four places of the region, mm.
+/// Four positions in the region, mm, of a press of 10 mm that halves the conductance.
 const PRESSES_MM: [[f64; 2]; 4] = [[107.0, 115.0], [70.0, 80.0], [150.0, 100.0], [40.0, 190.0]];
 const DISC_MM: f64 = 10.0;
-/// Step for the derivative of the readings by the position, mm.
+/// Step for the derivative of the readings with respect to the position, mm.
 const STEP_MM: f64 = 0.5;
 /// Number of frames in a baseline.
 const BASELINE: f64 = 10.0;
-/// Ranges of the voltmeter for the sheet, with a margin for a press.
+/// Ranges of the voltmeter, V, and the margin of a range for a press.
 const RANGES: [f64; 3] = [0.1, 1.0, 10.0];
 const MARGIN: f64 = 1.5;
 /// Compliance of the source, V.
 const COMPLIANCE: f64 = 20.0;
 
-/// How the relays connect pairs to the instruments.
+/// A module, with its wiring of pairs to the instruments.
 struct Module {
     name: &'static str,
     profile: &'static str,
     wiring: fn(usize) -> Result<Wiring, MapError>,
-    /// Whether any two electrodes can be a pair.
+    /// Whether the wiring can connect any two electrodes as a pair.
     free: bool,
 }
 
@@ -86,7 +86,7 @@ struct Way {
 }
 
 impl Way {
-    /// Every combination, in order.
+    /// All combinations, in order.
     fn all(effort: &Effort) -> Vec<Self> {
         let skips: &[usize] = effort.of(&[0, 2][..], &[0, 2, 4]);
         let halves: &[bool] = effort.of(&[false][..], &[false, true]);
@@ -108,25 +108,26 @@ impl Way {
         all
     }
 
-    /// Noise of a reading over its range.
+    /// Noise of a reading as a share of its range.
     fn noise_share(&self) -> f64 {
         keysight_34980a::resolution(self.nplc) / f64::from(self.averages).sqrt()
     }
 }
 
-/// Results for a setting.
+/// Results of one setting.
 struct Found {
     bound_mm: f64,
     /// Mean location error of each draw, mm.
     errors_mm: Vec<f64>,
-    /// Root mean square over the readings, V.
+    /// Noise of a reading, rms over the readings, V.
     noise_v: f64,
 }
 
-/// Electrodes along the width and along the height of the compared sheets.
+/// Numbers of electrodes along the width and along the height of the compared sheets.
 const RINGS: [[usize; 2]; 4] = [[4, 4], [5, 5], [6, 7], [8, 8]];
 
-/// Electrodes along the width and along the height of the table's sheet with this number of electrodes.
+/// Numbers of electrodes along the width and along the height of the compared sheet with this number of electrodes;
+/// `None` if there is no such sheet.
 pub fn ring(electrodes: usize) -> Option<[usize; 2]> {
     let count = |[width, height]: &[usize; 2]| 2 * (width + height);
     RINGS.into_iter().find(|ring| count(ring) == electrodes)
@@ -254,7 +255,7 @@ impl Module {
                 self.profile
             ))
         })?;
-        // its readings do not matter, only their time
+        // only the time of the readings matters, so a coarse mesh is sufficient
         let scene = Scene {
             sheet: Preset::PaperSheet(PaperSheet {
                 fineness: 0.5,
@@ -281,14 +282,14 @@ impl Module {
     }
 }
 
-/// The simulated sheet, on its own finer mesh, and its model.
+/// The simulated sheet on a finer mesh, and the model of the reconstruction. The matrices are transfer impedances, ohm.
 struct Truth {
     sheet: PaperSheet,
     model: Arc<Mesh>,
     empty: DMatrix<f64>,
-    /// For each press.
+    /// The sheet with each press.
     pressed: Vec<DMatrix<f64>>,
-    /// Derivatives by the position of each press, ohm/mm: along x, along y.
+    /// Derivatives with respect to the position of each press, ohm/mm: along x, along y.
     slopes: Vec<[DMatrix<f64>; 2]>,
 }
 
@@ -398,7 +399,7 @@ impl Truth {
                 let map = method
                     .reconstruct(&baseline, &frame)
                     .map_err(|fault| failed(&fault))?;
-                // a map without a loss finds nothing: its error is the largest possible on the sheet
+                // a map without a loss has no position; it gets the error [`FARTHEST_MM`]
                 errors.push(map.found(&centroids, &areas).map_or(FARTHEST_MM, |[x, y]| {
                     (1e3 * x - place[0]).hypot(1e3 * y - place[1])
                 }));
@@ -421,8 +422,8 @@ fn readings(protocol: &Protocol, z: &DMatrix<f64>, current: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Cramer-Rao bound on the root mean square location error of unbiased methods, mm: the load's size and loss are known,
-/// the baseline is the mean of some frames.
+/// Cramer-Rao bound on the rms location error of unbiased methods, mm, for a load of known size and loss and a baseline
+/// that is the mean of [`BASELINE`] frames.
 fn bound(along_x: &[f64], along_y: &[f64], noise: &[f64]) -> f64 {
     let mut information = Matrix2::zeros();
     for ((x, y), noise) in along_x.iter().zip(along_y).zip(noise) {
@@ -459,7 +460,7 @@ mod tests {
 
     #[test]
     fn the_bound_is_that_of_independent_coordinates() {
-        // each coordinate is determined by one reading of its own
+        // each coordinate is determined by a separate reading
         let noise = [2.0, 3.0];
         let expected = ((2.0_f64 / 4.0).powi(2) + (3.0_f64 / 5.0).powi(2)).sqrt();
         let bound = bound(&[4.0, 0.0], &[0.0, 5.0], &noise);

@@ -1,5 +1,4 @@
-//! Diagrams of the measurement: settings of the rig, and drift of the baseline.
-//! Methods of reconstruction are compared in `methods`.
+//! Diagrams of the measurement: settings of the rig, and drift of the baseline. Methods are compared in `methods`.
 
 pub(super) mod acquisition;
 pub(super) mod months;

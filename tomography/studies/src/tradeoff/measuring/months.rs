@@ -1,4 +1,4 @@
-//! Diagram 8: location error and zero over months, for four ways to compare a frame with the past.
+//! Diagram 8: location error, and maps of empty frames, over months, for four approaches to drift of the baseline.
 
 use crate::failure::Failure;
 use crate::months::LongScene;

@@ -18,7 +18,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     for &width in widths(effort) {
         let mut reference: Option<Vec<Vec<f64>>> = None;
         for precision in ["f32", "f16", "int8"] {
-            // the same training stored in another format: equal seeds give equal weights before rounding
+            // the trainings differ in the stored format only: equal seeds give equal weights before rounding
             let trained = deep(effort, place, width, precision)?;
             let load_s = loading(&trained.file)?;
             let bytes = std::fs::metadata(&trained.file)
@@ -34,7 +34,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
                 times.extend(judged.frames.iter().map(|frame| 1e-3 * frame.ms));
                 all.extend(judged.frames.into_iter().map(|frame| frame.map.values));
             }
-            // relative to the largest value of all maps
+            // largest difference relative to the largest value of all maps
             let away = reference.as_ref().map_or(0.0, |reference: &Vec<Vec<f64>>| {
                 let pairs = reference.iter().flatten().zip(all.iter().flatten());
                 let top = reference
@@ -79,7 +79,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     })
 }
 
-/// Number of training cases in the third and fifth diagrams.
+/// Number of training cases in diagrams 3 and 5.
 pub(crate) fn cases(effort: &Effort) -> &'static str {
     effort.of("2000", "6000")
 }
@@ -88,12 +88,12 @@ fn epochs(effort: &Effort) -> &'static str {
     effort.of("1", "6")
 }
 
-/// Widths of the deep networks of both diagrams.
+/// Widths of the deep networks in diagrams 3 and 5.
 pub(crate) fn widths(effort: &Effort) -> &'static [usize] {
     effort.of(&[32, 96], &[64, 256, 1024])
 }
 
-/// The deep network of a width, with weights in a format.
+/// The deep network of this width, with weights in this format.
 pub(crate) fn deep(
     effort: &Effort,
     place: &ArtifactCache<'_>,

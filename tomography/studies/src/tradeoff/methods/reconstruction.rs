@@ -1,4 +1,4 @@
-//! Diagram 3: all methods on four scenes.
+//! Diagram 3: all methods on four kinds of data.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -19,7 +19,8 @@ struct Method {
     line: &'static str,
     setting: String,
     words: Vec<String>,
-    /// Preparation before the first frame, besides loading a model, s.
+    /// Time of the preparation before the first frame, without loading of a model, s; `None` for methods without
+    /// training.
     training_s: Option<f64>,
 }
 
@@ -151,7 +152,7 @@ impl Kind {
         match self {
             Self::Presses10 => judged("presses-10"),
             Self::Presses30 => judged("presses-30"),
-            // hourly through the night; from the baseline through all faults
+            // bedside-night: one frame per hour; torture: one frame per minute through all faults
             Self::Bedside => scenes(effort, place, "bedside-night", "3600"),
             Self::Torture => scenes(effort, place, "torture", "60"),
         }
@@ -187,8 +188,8 @@ fn scenes(
         .collect()
 }
 
-/// Location errors of each frame; frames without a load are skipped. A map without a loss gets the largest error
-/// possible on the sheet.
+/// Location error of each frame, mm; frames without a load are skipped. A map without a loss gets the error
+/// [`FARTHEST_MM`].
 fn distances_mm(judged: &Judged) -> Vec<f64> {
     let mesh = &judged.case.mesh;
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
@@ -207,7 +208,7 @@ fn distances_mm(judged: &Judged) -> Vec<f64> {
         .collect()
 }
 
-/// The methods that need no training.
+/// The methods without training.
 fn untrained(full: bool) -> Vec<Method> {
     let mut methods = Vec::new();
     let mut plain = |line: &'static str, setting: &str, words: &str| {
@@ -239,7 +240,7 @@ fn untrained(full: bool) -> Vec<Method> {
         );
     }
     plain("paper's TV step", "alpha 1e-6", "tv-paper");
-    // a gap must be below 1
+    // gaps must be below 1
     let gaps = match full {
         true => &["9e-1", "3e-1", "1e-1", "1e-2", "1e-3", "1e-6"][..],
         false => &["1e-1", "1e-3"],

@@ -1,4 +1,4 @@
-//! Diagram 7: stated coverage against observed coverage.
+//! Diagram 7: stated against observed coverage.
 
 use crate::failure::Failure;
 use crate::months::LongScene;
@@ -6,7 +6,7 @@ use crate::months::course::{Approach, Outcome, Request, Sample, samples};
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{Panel, Point};
 
-/// Stated probabilities that the region contains the place.
+/// Stated probabilities that the region contains the true position.
 const LEVELS: [f64; 5] = [0.5, 0.8, 0.9, 0.95, 0.99];
 
 pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {

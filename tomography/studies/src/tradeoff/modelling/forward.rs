@@ -14,7 +14,7 @@ use crate::sheet;
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{Panel, Point, Times, timed};
 
-/// A press of 10 mm that takes half the conductance, off the middle.
+/// Position of a press of 10 mm that halves the conductance, mm; not in the middle of the sheet.
 const PRESS_MM: [f64; 2] = [75.0, 140.0];
 
 /// Edge length of the uniform meshes at fineness 1, mm.
@@ -32,7 +32,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         &[8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5],
     );
     let graded: &[f64] = effort.of(&[0.5, 0.7, 1.0][..], &[0.5, 0.7, 1.0, 1.4, 2.0, 2.8]);
-    // two levels finer than the finest graded mesh
+    // 2 times (full run: 2.9 times) finer than the finest graded mesh
     let reference_fineness = effort.of(2.0, 8.0);
     let reference = Model::new(PaperSheet {
         fineness: reference_fineness,
@@ -60,7 +60,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         ("graded", setting, of)
     };
     for (line, setting, of) in uniform.iter().map(even).chain(graded.iter().map(fine)) {
-        // a different number gives a different mesh with the same sizes; the first one is timed
+        // each `seeding` gives a different mesh with the same sizes; the first one is timed
         let model = |seeding: u64| {
             Model::new(PaperSheet {
                 seeding: seeding as u32,
@@ -117,13 +117,13 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     })
 }
 
-/// A sheet on a mesh, ready to be solved.
+/// A sheet with its mesh, ready to be solved.
 struct Model {
     sheet: PaperSheet,
     mesh: Arc<Mesh>,
     forward: Forward,
     protocol: Protocol,
-    /// Time for mesh and analysis.
+    /// Time to create the mesh and analyse its matrix, s.
     set_up_s: f64,
 }
 
@@ -173,7 +173,7 @@ impl Model {
         let mut sigma = self.unloaded();
         let mut workspace = self.forward.workspace(&self.protocol).map_err(unsolved)?;
         timed(runs, || {
-            // a different conductance each time, so that nothing can be reused
+            // the conductance differs each time, so that no result can be reused
             sigma.iter_mut().for_each(|value| *value *= 1.001);
             workspace.readings(&sigma).map(drop).map_err(unsolved)
         })

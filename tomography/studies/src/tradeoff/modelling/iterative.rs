@@ -22,7 +22,7 @@ impl Preconditioner {
         Self::Jacobi(system.rows.iter().enumerate().map(diagonal).collect())
     }
 
-    /// `None` if a pivot is not positive.
+    /// The incomplete Cholesky factor; `None` if a pivot is not positive.
     pub(crate) fn cholesky(system: &System) -> Option<Self> {
         let mut factor: Vec<Vec<(usize, f64)>> = Vec::with_capacity(system.size());
         for (i, row) in system.rows.iter().enumerate() {
@@ -91,7 +91,8 @@ fn shared(a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
     sum
 }
 
-/// Solves to a relative residual; returns the solution, the number of steps, and whether it converged.
+/// Solves until the residual is below `tolerance` relative to the right side; returns the solution, the number of
+/// steps, and whether it converged.
 pub(crate) fn conjugate_gradients(
     system: &System,
     right: &[f64],
@@ -147,7 +148,7 @@ mod tests {
                 row
             })
             .collect();
-        // conductance to ground: minus the sum of the row
+        // conductance to ground is minus the sum of the row
         let ground = |row: &Vec<(usize, f64)>| -row.iter().map(|(_, value)| value).sum::<f64>();
         System {
             ground: rows.iter().map(ground).collect(),
@@ -166,7 +167,7 @@ mod tests {
         let cholesky = Preconditioner::cholesky(&system).unwrap();
         for (preconditioner, most) in [(Preconditioner::jacobi(&system), 40), (cholesky, 2)] {
             let (x, steps, there) = conjugate_gradients(&system, &right, &preconditioner, 1e-13);
-            // a tridiagonal matrix has no fill: its incomplete factor is complete
+            // a tridiagonal matrix has no fill, so its incomplete factor is exact
             assert!(there && steps <= most, "{steps} steps");
             let error = x.iter().zip(&wanted).map(|(x, w)| (x - w).abs());
             assert!(error.fold(0.0, f64::max) < 1e-12);

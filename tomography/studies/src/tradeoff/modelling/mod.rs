@@ -1,5 +1,4 @@
 //! Diagrams of the forward model: the size of the mesh, and solvers of the same system.
-//! `methods` compares reconstructions.
 
 pub(super) mod forward;
 mod iterative;

@@ -20,11 +20,11 @@ use crate::stability::Number;
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{Panel, Point, Times, timed};
 
-/// Conductance of a 40 mm disc over that of the sheet.
+/// Conductance of a disc of 40 mm relative to that of the sheet.
 const CONTRASTS: [(f64, &str); 3] = [(1.0, "1"), (1e-8, "1e-8"), (1e6, "1e6")];
 const DISC_MM: f64 = 40.0;
 
-/// A system, its right sides, and the exact readings.
+/// A system with its protocol and the exact readings.
 struct Task<'a> {
     system: System,
     protocol: &'a Protocol,
@@ -132,7 +132,7 @@ impl Task<'_> {
             .with("p99, s", times.p99)
     }
 
-    /// Largest error over the largest reading; at least one rounding error.
+    /// Largest error relative to the largest reading; at least one rounding error.
     fn error(&self, found: &[f64]) -> f64 {
         let top = self.exact.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
         let worst = found
@@ -149,7 +149,7 @@ impl Task<'_> {
     }
 }
 
-/// Readings from solutions for the drives of neighbours, in order.
+/// Readings computed from the solutions for drives of adjacent electrodes, in order.
 fn readings(system: &System, protocol: &Protocol, solutions: &[Vec<f64>]) -> Vec<f64> {
     let of = |question: &Measurement| {
         let solution = &solutions[question.drive.plus.0];
@@ -159,7 +159,7 @@ fn readings(system: &System, protocol: &Protocol, solutions: &[Vec<f64>]) -> Vec
     protocol.measurements().iter().map(of).collect()
 }
 
-/// Readings of a solution refined with residuals in twice the precision.
+/// Readings of a solution that was refined with residuals in twice the precision.
 fn exact(system: &System, protocol: &Protocol) -> Result<Vec<f64>, Failure> {
     let factor = Factor::<f64>::new(system, None)?;
     let solutions: Vec<Vec<f64>> = (0..system.electrodes)
@@ -182,11 +182,11 @@ fn exact(system: &System, protocol: &Protocol) -> Result<Vec<f64>, Failure> {
     Ok(readings(system, protocol, &solutions))
 }
 
-/// A library's sparse Cholesky factor, in either precision.
+/// The sparse Cholesky factor of a library (faer), in single or double precision.
 struct Factor<T: ComplexField> {
     symbolic: SymbolicLlt<usize>,
     factor: Llt<usize, T>,
-    /// The matrix is scaled to a unit diagonal: single precision has a small range.
+    /// Scales the matrix to a unit diagonal, because the range of single precision is small.
     scale: Vec<f64>,
 }
 
@@ -227,7 +227,7 @@ impl<T: Number + ComplexField> Factor<T> {
     }
 
     fn solve(&self, right: &[f64]) -> Vec<f64> {
-        // small residuals would underflow in single precision
+        // the right side is scaled, because small residuals would underflow in single precision
         let size = right.iter().fold(0.0_f64, |size, v| size.max(v.abs()));
         if size == 0.0 {
             return vec![0.0; right.len()];
@@ -300,7 +300,7 @@ fn iterative(
             .collect();
         Ok(())
     };
-    // for solvers that take seconds, a median of few is enough
+    // for solvers that take seconds, the median of a few runs is sufficient
     let first = timed(1, &mut solve)?;
     let times = match first.cold > 0.5 {
         true => timed(3, &mut solve)?,

@@ -1,13 +1,13 @@
-//! The discrete system in its plain form, for other solvers.
+//! The discrete system as an assembled matrix, for other solvers.
 
 use eit::Mesh;
 
-/// A symmetric positive definite matrix, rows of its entries; the last electrode is the ground.
+/// A symmetric positive definite matrix as rows of (column, value); the last electrode is the ground.
 pub(crate) struct System {
     pub(crate) rows: Vec<Vec<(usize, f64)>>,
-    /// Entries of each row in the column of the ground, which the rows do not contain.
+    /// For each row the entry in the column of the ground, which `rows` does not contain.
     pub(crate) ground: Vec<f64>,
-    /// Unknown of each electrode but the last.
+    /// Index of the unknown of electrode 0; those of the others follow, except for the last electrode.
     pub(crate) first_electrode: usize,
     pub(crate) electrodes: usize,
 }
@@ -79,7 +79,7 @@ impl System {
         self.rows.len()
     }
 
-    /// 1 A into an electrode and out of the next.
+    /// The right side for 1 A into an electrode and out of the next one.
     pub(crate) fn drive(&self, electrode: usize) -> Vec<f64> {
         let mut right = vec![0.0; self.size()];
         let mut put = |electrode: usize, amps: f64| {
@@ -100,9 +100,9 @@ impl System {
         }
     }
 
-    /// b - A x of the system whose rows sum to zero exactly, with every sum in about twice the precision (Ogita, Rump,
-    /// Oishi 2005); x in two parts. The diagonal is not used: at a contrast of 1e6 its rounding error would act as a
-    /// leak to ground.
+    /// b - A x, with every sum in about twice the precision (Ogita, Rump, Oishi 2005); x is the sum of `x` and `rest`.
+    /// The rows of A are assumed to sum to zero exactly, and the diagonal is not used: at a contrast of 1e6 its
+    /// rounding error would act as a leak to ground.
     pub(crate) fn residual(&self, right: &[f64], x: &[f64], rest: &[f64]) -> Vec<f64> {
         (0..self.size())
             .map(|i| {
@@ -128,7 +128,7 @@ impl System {
             .collect()
     }
 
-    /// A x.
+    /// Writes A x to `out`.
     pub(crate) fn times(&self, x: &[f64], out: &mut [f64]) {
         for (row, out) in self.rows.iter().zip(out) {
             *out = row.iter().map(|(j, a)| a * x[*j]).sum();

@@ -214,7 +214,8 @@ macro_rules! kernels {
                         {
                             let x = &inputs[g * STRIP..][..ROWS * STRIP];
                             let dy = turned.as_ptr().wrapping_add(part);
-                            // SAFETY: `x` has ROWS rows of STRIP entries, `turned` STRIP rows of PAIR; PART divides PAIR.
+                            // SAFETY: `x` has ROWS rows of STRIP entries, `turned` STRIP rows of PAIR; PART divides
+                            // PAIR.
                             unsafe { add(&mut block, (x.as_ptr(), 1, STRIP), (dy, PAIR), STRIP) };
                         }
                         for (r, row) in block.iter().enumerate() {
