@@ -92,7 +92,7 @@ fn a_small_network_finds_a_large_press() {
         .unwrap();
     let error = (found[0] - 0.03).hypot(found[1] - 0.02);
     assert!(error < 0.025, "{found:?}");
-    // without a load, next to nothing is found
+    // without a load the map is nearly empty
     let still = network.reconstruct(&baseline, &baseline).unwrap();
     let most = still.largest_loss().map_or(0.0, |(_, loss)| loss);
     assert!(most < 0.5 * map.largest_loss().unwrap().1, "{most}");

@@ -399,7 +399,7 @@ impl Quantifier {
         adjacency.hot_spots(loads, STAYS * self.threshold())
     }
 
-    /// The load of each triangle; all zero where nothing exceeds the noise.
+    /// The load of each triangle; all zero if the map is not significant.
     fn loads(&self, judged: &JudgedMap<'_>) -> Vec<f64> {
         if judged.map.is_significant(judged.noise) == Some(false) {
             return vec![0.0; judged.map.values.len()];

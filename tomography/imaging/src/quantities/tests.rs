@@ -370,7 +370,7 @@ fn the_unrelieved_area_has_one_window_after_a_clock_step_back() {
     for second in (240..720).step_by(10) {
         take(second, &loads);
     }
-    // loaded for the whole of the last 480 s, of which half were counted twice by the clock
+    // loaded during all of the last 480 s; half of them were counted twice because the clock was set back
     near(take(720, &loads), 6.25, 1e-9);
 }
 

@@ -88,7 +88,7 @@ fn mean_decay(x: f64) -> f64 {
 /// 40).
 ///
 /// ```
-/// // a billion time constants leave nothing of what was held back, a billionth all of it
+/// // after a billion time constants nothing of the delayed part remains, after a billionth all of it
 /// let long = phantom::PronyStep::new(0.3, 1e9);
 /// assert!(long.held(0.2, 1.0).abs() < 1e-9);
 /// let short = phantom::PronyStep::new(0.3, 1e-9);

@@ -93,7 +93,7 @@ mod tests {
             };
             crosstalk.bend(Volts(0.0), &context).0
         };
-        // 1 mA through 1 kohm is a volt, of which a sixth is coupled; 1 kohm x 120 pF = 120 ns
+        // 1 mA through 1 kohm is 1 V, a sixth of which is coupled; the time constant is 1 kohm x 120 pF = 120 ns
         assert!((seen(0) - 1.0 / 6.0).abs() < 1e-4);
         assert!((seen(120) * 6.0 - (-1.0_f64).exp()).abs() < 1e-4);
         assert!(seen(100_000) < 1e-300);

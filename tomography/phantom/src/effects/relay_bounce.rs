@@ -120,7 +120,8 @@ mod tests {
 
     #[test]
     fn a_reading_is_the_mean_over_what_the_contact_conducts() {
-        // 0.02 cycles are 0.4 ms: zero before it closes, unchanged to the bit after it has settled
+        // 0.02 cycles are 0.4 ms: the reading is zero before the contact closes, and unchanged bit for bit after it has
+        // settled
         assert!(shares(3_000, 0.02).iter().all(|share| *share == 0.0));
         assert!(shares(6_000, 0.02).iter().all(|share| *share == 1.0));
         // during the bounce, any value between

@@ -52,7 +52,7 @@ pub enum Shape {
 /// A shape at a position, with its loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Load {
-    /// Name for people.
+    /// Displayed name.
     pub name: String,
     /// Its outline.
     pub shape: Shape,

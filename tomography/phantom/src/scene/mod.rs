@@ -51,7 +51,7 @@ impl SceneFault {
 /// A simulated sheet with its loads, effects and faults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// Name for people.
+    /// Displayed name.
     pub name: String,
     /// Seed of every effect's random stream.
     pub seed: u64,

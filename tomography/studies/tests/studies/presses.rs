@@ -87,7 +87,7 @@ fn sixteen_presses_are_found_where_they_are() {
         (OneStepOptions::default().prior, false, 2.0, 5.0),
         (OneStepOptions::default().prior, true, 1.0, 2.5),
         (Prior::Laplace, false, 2.5, 5.0),
-        // p = 0.5 shifts presses towards the middle, which is why it is not the default
+        // p = 0.5 shifts presses towards the middle and is therefore not the default
         (Prior::default(), false, 3.5, 5.0),
         (Prior::default(), true, 1.5, 3.0),
     ] {
