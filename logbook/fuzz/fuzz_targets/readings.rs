@@ -17,14 +17,21 @@ fuzz_target!(|bytes: &[u8]| {
 
     if let Ok(unpacked) = decode(second, &reference, usize::from(count)) {
         assert!((1..=MOST_FRAMES).contains(&unpacked.len()));
-        assert!(unpacked.iter().all(|frame| frame.len() == usize::from(count)));
+        assert!(
+            unpacked
+                .iter()
+                .all(|frame| frame.len() == usize::from(count))
+        );
         comes_back(&unpacked, &reference);
     }
     let second = readings(second);
     comes_back(std::slice::from_ref(&second), &reference);
     comes_back(std::slice::from_ref(&second), &Reference::NONE);
     let half = second.len() / 2;
-    comes_back(&[second[..half].to_vec(), second[half..2 * half].to_vec()], &reference);
+    comes_back(
+        &[second[..half].to_vec(), second[half..2 * half].to_vec()],
+        &reference,
+    );
     // A reference of the same length, so that every reading has a reference value.
     let turned: Vec<Reading> = second.iter().rev().copied().collect();
     comes_back(&[second], &Reference::new(&turned));
@@ -35,9 +42,8 @@ fn comes_back(frames: &[Vec<Reading>], reference: &Reference) {
     let packed = match encode(&slices, reference) {
         Ok(packed) => packed,
         Err(EncodeError::NotFinite(at)) => {
-            let infinite = |frame: &Vec<Reading>| {
-                frame[at].volts().is_some_and(|volts| !volts.0.is_finite())
-            };
+            let infinite =
+                |frame: &Vec<Reading>| frame[at].volts().is_some_and(|volts| !volts.0.is_finite());
             assert!(frames.iter().any(infinite));
             return;
         }

@@ -7,10 +7,10 @@ mod without_load;
 
 use std::time::Duration;
 
-use simulator::SimulatedRig;
-use without_load::{RIG, RigWithoutLoad, rig_without_load};
 use libfuzzer_sys::fuzz_target;
+use simulator::SimulatedRig;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use without_load::{RIG, RigWithoutLoad, rig_without_load};
 
 /// Maximum length of a request with all its headers, bytes.
 const LONGEST: usize = 8192;
@@ -40,8 +40,14 @@ async fn ask(rig: &SimulatedRig, request: &[u8]) {
         "405 Method Not Allowed",
         "431 Request Header Fields Too Large",
     ];
-    assert!(whole.iter().any(|known| status == format!("HTTP/1.1 {known}")));
-    let reported = head.lines().find_map(|line| line.strip_prefix("Content-Length: "));
+    assert!(
+        whole
+            .iter()
+            .any(|known| status == format!("HTTP/1.1 {known}"))
+    );
+    let reported = head
+        .lines()
+        .find_map(|line| line.strip_prefix("Content-Length: "));
     let without_body = request.starts_with(b"HEAD ") && body.is_empty();
     assert!(without_body || reported.and_then(|length| length.parse().ok()) == Some(body.len()));
 }

@@ -16,7 +16,11 @@ thread_local! {
 
 pub fn rig_without_load() -> RigWithoutLoad {
     let mut builder = tokio::runtime::Builder::new_current_thread();
-    let runtime = builder.enable_time().start_paused(true).build().expect("a runtime");
+    let runtime = builder
+        .enable_time()
+        .start_paused(true)
+        .build()
+        .expect("a runtime");
     let profile = Profile {
         load: LoadNetwork::Nothing,
         ..Profile::default().at_pace(Pace::Instant)
