@@ -100,7 +100,7 @@ impl Controller {
         let FrameSource::Rig { rig, plan } = source else {
             return false;
         };
-        // its links may be out of step, and its settings may be lost: the rig is reassembled
+        // its links may be unsynchronised, and its settings may be lost: the rig is reassembled
         *rig = None;
         let text = failed_frame::describe(error);
         {

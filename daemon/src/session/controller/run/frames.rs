@@ -54,7 +54,7 @@ impl Controller {
             self.frame_failed(session, error).await;
             if status.stop_request().is_requested() || !may_pass(error) || failed >= MOST_FAILED {
                 if let FrameSource::Rig { rig, .. } = &mut *source {
-                    // its links may be out of step: the rig is reassembled
+                    // its links may be unsynchronised: the rig is reassembled
                     *rig = None;
                 }
                 return self.fault_or_stop(&status, ended);
