@@ -4,7 +4,11 @@
 pub(crate) mod lines;
 pub(crate) mod open_files;
 
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+
+use rustix::fs::OFlags;
 
 use crate::LogbookError;
 
@@ -53,6 +57,15 @@ pub(crate) fn id_of(path: &Path) -> &str {
     path.file_stem()
         .and_then(|stem| stem.to_str())
         .unwrap_or_default()
+}
+
+/// Opens a file for reading without waiting, should a FIFO or a terminal have replaced it.
+pub(crate) fn open_at_once(path: &Path) -> std::io::Result<File> {
+    let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
+    OpenOptions::new()
+        .read(true)
+        .custom_flags(flags.bits() as i32)
+        .open(path)
 }
 
 /// `<file>-wal` and the like, as SQLite names them.

@@ -3,6 +3,7 @@
 mod contents;
 mod frames;
 mod guard;
+mod log_header;
 mod opening;
 mod order;
 mod readings;

@@ -3,27 +3,28 @@
 //! | the file is | access |
 //! |---|---|
 //! | in rollback mode: closed and folded | `immutable`: no locks, and journals next to it are ignored |
-//! | in WAL mode, its journal empty or missing | the same |
+//! | in WAL mode, its journal empty or missing, or without a header | the same |
 //! | in WAL mode, with journal and index | read-only with a read-only index: sees what its writer has acknowledged |
 //! | in WAL mode, with a journal but no index | the index is built in memory |
+//! | in WAL mode, the header of its journal damaged | refused |
 //!
 //! A rollback journal is never applied: a session is in WAL mode from before its header until after its last entry,
 //! so a rollback journal next to it cannot belong to its content.
 
-use std::fs::{File, Metadata, OpenOptions};
+use std::fs::{File, Metadata};
 use std::io::{ErrorKind, Read};
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, OpenFlags};
-use rustix::fs::OFlags;
 
+use super::log_header::{self, LogHeader};
 use crate::LogbookError;
-use crate::files::companion;
 use crate::files::open_files::unless_being_written;
+use crate::files::{companion, open_at_once};
 
 /// The beginning of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
@@ -63,8 +64,8 @@ pub(crate) struct Opened {
 /// Opens a file for reading.
 ///
 /// # Errors
-/// The file is missing, not a regular file, not an SQLite file, or an open session with a rollback journal next to
-/// it.
+/// The file is missing, not a regular file, not an SQLite file, an open session with a rollback journal next to it, or
+/// one whose journal has a damaged header.
 pub(crate) fn open(
     path: &Path,
     is_closed: impl Fn(&Connection) -> bool,
@@ -86,14 +87,30 @@ pub(crate) fn open(
             }
         }
     }
-    let length = |path: &Path| std::fs::metadata(path).map_or(0, |found| found.len());
-    let way = match mode {
-        JournalMode::Rollback => AccessMethod::Immutable,
-        JournalMode::Wal if length(&wal) == 0 => AccessMethod::Immutable,
-        JournalMode::Wal if index.exists() => AccessMethod::WithIndex,
-        JournalMode::Wal => AccessMethod::IndexInMemory,
+    let log = match mode {
+        JournalMode::Rollback => LogHeader::Empty,
+        JournalMode::Wal => {
+            log_header::of(&wal).map_err(|source| LogbookError::io(&wal, "read", source))?
+        }
     };
-    let size = found.len() + length(&wal);
+    let way = match log {
+        LogHeader::Empty => AccessMethod::Immutable,
+        LogHeader::Intact if index.exists() => AccessMethod::WithIndex,
+        LogHeader::Intact => AccessMethod::IndexInMemory,
+        LogHeader::Damaged => {
+            return Err(LogbookError::Damaged {
+                path: path.to_owned(),
+                place: "its journal".into(),
+                why: format!(
+                    "the first {} bytes of {} are not those of a journal; move that file away to read the frames that \
+                     the session's own file holds",
+                    log_header::LENGTH,
+                    wal.display()
+                ),
+            });
+        }
+    };
+    let size = found.len() + std::fs::metadata(&wal).map_or(0, |found| found.len());
     if way != AccessMethod::Immutable && journal.symlink_metadata().is_ok() {
         // If the closing entry is in the file itself, a power cut interrupted the folding: the file is complete.
         let alone = connect(path, &real, AccessMethod::Immutable, size)?;
@@ -155,13 +172,7 @@ fn look(path: &Path, real: &Path) -> Result<JournalMode, LogbookError> {
         path: path.to_owned(),
         why: why.to_owned(),
     };
-    // in case it was replaced by a FIFO or a terminal meanwhile
-    let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
-    let mut file: File = OpenOptions::new()
-        .read(true)
-        .custom_flags(flags.bits() as i32)
-        .open(real)
-        .map_err(io)?;
+    let mut file = open_at_once(real).map_err(io)?;
     check_regular(path, &file.metadata().map_err(io)?)?;
     let mut head = [0; HEAD];
     match file.read_exact(&mut head) {

@@ -133,6 +133,48 @@ fn a_stray_journal_beside_a_closed_session_is_not_played_back() {
 }
 
 #[test]
+fn a_damaged_header_of_the_journal_is_reported() {
+    let made = tempfile::tempdir().unwrap();
+    let writer = written(made.path(), "m1", 8, FRAMES);
+    let found_in = |change: &dyn Fn(&mut Vec<u8>), ends: &[&str]| {
+        let dir = tempfile::tempdir().unwrap();
+        let path = as_killed(&writer, dir.path(), ends);
+        let log = beside(&path, "-wal");
+        let mut bytes = std::fs::read(&log).unwrap();
+        change(&mut bytes);
+        std::fs::write(&log, bytes).unwrap();
+        let opened = SessionReader::open(&path).map(|session| session.frames().count() as u64);
+        (opened, verify(&path, |_| {}).unwrap().findings)
+    };
+    for ends in [&["", "-wal", "-shm"][..], &["", "-wal"]] {
+        assert_eq!(found_in(&|_| {}, ends).0.unwrap(), FRAMES);
+        for at in 0..32 {
+            let (opened, findings) = found_in(&|log| log[at] ^= 1, ends);
+            let refused = opened.unwrap_err();
+            assert!(
+                matches!(refused, LogbookError::Damaged { .. }),
+                "{at}: {refused:?}"
+            );
+            assert!(refused.to_string().contains("m1.tactus-wal"), "{refused}");
+            assert_eq!(findings.len(), 1, "{at}: {findings:?}");
+        }
+        // a power cut before the first sync leaves no header, or zeros: nothing was acknowledged
+        for lost in [&|log: &mut Vec<u8>| log.truncate(31), &|log: &mut Vec<
+            u8,
+        >| {
+            log[..32].fill(0)
+        }] as [&dyn Fn(&mut Vec<u8>); 2]
+        {
+            let (opened, _) = found_in(lost, ends);
+            assert!(
+                matches!(opened, Err(LogbookError::NotASession { .. })),
+                "{opened:?}"
+            );
+        }
+    }
+}
+
+#[test]
 fn an_interrupted_session_resumes_without_a_stray_journal() {
     let made = tempfile::tempdir().unwrap();
     let dir = tempfile::tempdir().unwrap();
