@@ -398,8 +398,9 @@ mod tests {
                 }
                 let text = std::fs::read_to_string(&path).unwrap();
                 let text = text.split("#[cfg(test)]").next().unwrap();
-                let words: Vec<&str> = text.split_whitespace().collect();
-                let text = words.join(" ");
+                let code = text.lines().map(str::trim);
+                let code: Vec<&str> = code.filter(|line| !line.starts_with("//")).collect();
+                let text = code.join(" ");
                 for cause in ["\", source", "\", |row|"] {
                     for (end, _) in text.match_indices(cause) {
                         let before = &text[..end];
