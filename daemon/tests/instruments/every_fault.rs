@@ -104,8 +104,12 @@ struct Play {
 
 impl Play {
     async fn begin(board: bool) -> Self {
-        let scene = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
-        let scene = Scene::parse("scene", scene).expect("a scene");
+        // the board moves its relays one message at a time: fewer electrodes keep the frames short
+        let electrodes = if board { 8 } else { 16 };
+        let scene = format!(
+            "[disc-tank]\nelectrodes = {electrodes}\n[effects.voltmeter-noise]\nuv = 2.0\n"
+        );
+        let scene = Scene::parse("scene", &scene).expect("a scene");
         let name = if board { "gpio-board" } else { "pairs-34924a" };
         let mut profile = Profile::load(name)
             .expect("it ships")
@@ -131,8 +135,8 @@ impl Play {
              [source]\naddress = \"tcp:{}\"\ndeadline_ms = {ANSWER_MS}\n\
              [switch]\naddress = \"{switch}\"\ndeadline_ms = {ANSWER_MS}\n\
              [voltmeter]\naddress = \"tcp:{}\"\ndeadline_ms = {ANSWER_MS}\n\
-             [wiring]\nkind = \"{wiring}\"\n[survey]\nelectrodes = 16\ncompliance_v = 4.0\nnplc = 0.02\n\
-             [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 16\n\
+             [wiring]\nkind = \"{wiring}\"\n[survey]\nelectrodes = {electrodes}\ncompliance_v = 4.0\nnplc = 0.02\n\
+             [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = {electrodes}\n\
              [record]\ndirectory = \"state\"\n[bus]\npeer_path = \"run/peer\"\n",
             ready.source, ready.mainframe
         );
