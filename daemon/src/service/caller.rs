@@ -12,8 +12,8 @@ use super::limit::User;
 
 /// The group with the same rights as the daemon's own user.
 pub(super) const GROUP: &str = "tactus";
-/// Maximum number of supplementary groups; a caller with more cannot be identified.
-const MOST_GROUPS: usize = 4096;
+/// Maximum number of supplementary groups that Linux allows (`NGROUPS_MAX`).
+const MOST_GROUPS: usize = 65536;
 
 /// A caller's user and groups.
 #[derive(Debug)]
@@ -101,7 +101,7 @@ fn number(groups: &str) -> Option<u32> {
 /// `SO_PEERGROUPS` (unix(7)): the supplementary groups that the other end had when it connected.
 // the libraries in use have no safe function for this socket option
 #[allow(unsafe_code)]
-fn peer_groups(stream: &UnixStream) -> io::Result<Vec<u32>> {
+fn peer_groups(stream: &impl AsRawFd) -> io::Result<Vec<u32>> {
     let mut groups = vec![0_u32; MOST_GROUPS];
     let mut bytes = size_of_val(groups.as_slice()) as libc::socklen_t;
     // SAFETY: the pointer refers to the stated number of bytes, and the kernel writes no more than those
@@ -118,6 +118,8 @@ fn peer_groups(stream: &UnixStream) -> io::Result<Vec<u32>> {
         return Err(io::Error::last_os_error());
     }
     groups.truncate(bytes as usize / size_of::<u32>());
+    // kept as long as the connection
+    groups.shrink_to_fit();
     Ok(groups)
 }
 
@@ -131,6 +133,24 @@ mod tests {
         assert_eq!(number(groups), Some(990));
         assert_eq!(number("ann:x:1000:\n"), None);
         assert_eq!(number("tactus:x:many:\n"), None);
+    }
+
+    #[test]
+    #[allow(unsafe_code)]
+    fn a_caller_may_have_as_many_groups_as_linux_allows() {
+        if !rustix::process::geteuid().is_root() {
+            return needs::lacking("ROOT", "only root can set its groups");
+        }
+        let all: Vec<u32> = (1..=65536).collect();
+        // the system call, unlike the function of the C library, changes the groups of one thread only
+        let of_thread = std::thread::spawn(move || {
+            // SAFETY: the pointer refers to the stated number of group numbers, which the kernel only reads
+            let set = unsafe { libc::syscall(libc::SYS_setgroups, all.len(), all.as_ptr()) };
+            assert_eq!(set, 0, "{}", io::Error::last_os_error());
+            let (ours, _theirs) = std::os::unix::net::UnixStream::pair().unwrap();
+            peer_groups(&ours).map(|groups| groups == all)
+        });
+        assert!(of_thread.join().unwrap().unwrap());
     }
 
     #[tokio::test]
