@@ -5,6 +5,7 @@
 pub(crate) mod end_marks;
 pub(crate) mod frame_sink;
 pub(crate) mod logbook_sink;
+pub(crate) mod pace;
 pub(crate) mod published;
 pub(crate) mod reconstruction_worker;
 pub(crate) mod recorder;

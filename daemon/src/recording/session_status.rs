@@ -18,6 +18,7 @@ use crate::monitoring::Counters;
 use crate::monitoring::counters::LastFrame;
 use crate::recording::end_marks::Marked;
 use crate::recording::frame_sink::FrameSink;
+use crate::recording::pace::Pace;
 use crate::recording::published::Published;
 use crate::recording::recorder_message::RecorderMessage;
 use crate::recording::stream::Readers;
@@ -104,15 +105,6 @@ pub(crate) struct SessionStatus {
     pace: Mutex<Pace>,
 }
 
-/// Times of frames, by the daemon's clock.
-#[derive(Debug, Default)]
-struct Pace {
-    /// Time from which a frame is expected: the start, or the end of the last suspension.
-    from: Duration,
-    first: Option<Duration>,
-    last: Option<Duration>,
-}
-
 impl SessionStatus {
     /// A new session; with `step` each frame must be granted.
     pub(crate) fn new(facts: Facts, path: PathBuf, step: bool, counters: Arc<Counters>) -> Self {
@@ -124,10 +116,7 @@ impl SessionStatus {
             facts.id,
             path.display()
         );
-        let pace = Pace {
-            from: counters.now(),
-            ..Pace::default()
-        };
+        let pace = Pace::from(counters.now());
         Self {
             counters,
             pace: Mutex::new(pace),
@@ -385,8 +374,7 @@ impl SessionStatus {
 
     pub(crate) fn suspend(&self, suspend: bool) {
         if self.suspend.send_replace(suspend) && !suspend {
-            let mut pace = locked(&self.pace);
-            pace.from = self.counters.now();
+            locked(&self.pace).from = self.counters.now();
         }
     }
 
@@ -395,11 +383,10 @@ impl SessionStatus {
         self.granted.is_none() && !*self.suspend.borrow()
     }
 
-    /// The time from which a frame is expected, and the times when the first and the last frame began, by the daemon's
-    /// clock.
-    pub(crate) fn pace(&self) -> (Duration, Option<Duration>, Option<Duration>) {
+    /// The time from which a frame is expected, by the daemon's clock, and the observed frame period.
+    pub(crate) fn pace(&self) -> (Duration, Option<Duration>) {
         let pace = locked(&self.pace);
-        (pace.from, pace.first, pace.last)
+        (pace.from, pace.period())
     }
 
     /// Holds or releases acquisition, independent of client requests: the record has no space, or is locked.
@@ -451,12 +438,7 @@ impl FrameSink for Arc<SessionStatus> {
             if published.map.is_some() {
                 self.counters.count_map(published.reconstruction);
             }
-            {
-                let mut pace = locked(&self.pace);
-                let at = published.frame.monotonic;
-                pace.first.get_or_insert(at);
-                pace.last = Some(at);
-            }
+            locked(&self.pace).count(frame.monotonic);
             {
                 let mut latest = locked(&self.latest);
                 if published.map.is_some() {

@@ -7,6 +7,7 @@ use imaging::noise;
 use rig::Clock;
 use survey::Baseline;
 
+use crate::instruments::rig_plan::RigPlan;
 use crate::monitoring::health::{Counts, Health, Running};
 use crate::recording::recorder_message::QUEUE;
 use crate::recording::session_status::SessionStatus;
@@ -25,7 +26,6 @@ impl Controller {
         let now = counters.now();
         let status = self.active();
         let plan = self.plan();
-        let plan = plan.map(|rig| rig.plan.duration(&rig.timing));
         let file = status.as_ref().map(|status| status.path());
         let directory = &runtime.setup.record_directory;
         let space = self.observed.disk.space(directory, file, now).await;
@@ -43,7 +43,7 @@ impl Controller {
             },
             source: self.source_state(),
             simulated: runtime.simulated,
-            session: status.map(|status| running(&status, plan, now)),
+            session: status.map(|status| running(&status, plan.as_deref(), now)),
             age: last_frame
                 .as_ref()
                 .map(|frame| now.saturating_sub(frame.taken)),
@@ -74,32 +74,91 @@ impl Controller {
     }
 }
 
-fn running(status: &SessionStatus, plan: Option<Duration>, now: Duration) -> Running {
+fn running(status: &SessionStatus, plan: Option<&RigPlan>, now: Duration) -> Running {
     let frame = status.latest_frame();
     let taken = frame.map(|frame| (frame.frame.monotonic, frame.frame.duration));
     let length = taken.map(|(_, duration)| duration);
-    let (from, first, last) = status.pace();
-    let durable = status.durable();
-    let between = match (first, last) {
-        (Some(first), Some(last)) if durable > 1 => {
-            let steps = u32::try_from(durable - 1).unwrap_or(u32::MAX);
-            Some(last.saturating_sub(first) / steps)
-        }
-        _ => None,
-    };
-    let period = [length, plan, between].into_iter().flatten();
+    let (from, observed) = status.pace();
+    let planned = plan.map(RigPlan::mean_duration);
+    let period = [length, planned, observed].into_iter().flatten();
     let period = period.fold(status.facts.every, Duration::max);
     let since = taken.map_or(from, |(at, duration)| from.max(at + duration));
     Running {
         id: status.facts.id.clone(),
         kind: status.facts.kind.as_str(),
         acquired: status.acquired(),
-        durable,
+        durable: status.durable(),
         failed: status.failures(),
         dropped: status.dropped(),
         queue: QUEUE as u64,
         period: period.max(Duration::from_millis(1)),
         quiet: status.awaits_frames().then(|| now.saturating_sub(since)),
         last_error: status.progress().last_error,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use chrono::DateTime;
+    use logbook::SessionKind;
+    use rig::SystemClock;
+    use survey::{Checks, Frame};
+
+    use super::*;
+    use crate::monitoring::Counters;
+    use crate::preparation::{FramesFrom, prepare};
+    use crate::recording::frame_sink::FrameSink;
+    use crate::recording::published::Published;
+    use crate::recording::session_status::Facts;
+
+    const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-tank\"\n\
+                          [geometry.disc-tank]\nelectrodes = 16\n[survey]\nelectrodes = 16\nzero_every = 1\n\
+                          [record]\ndirectory = \"state\"\n[bus]\npeer_path = \"peer\"\n";
+
+    #[test]
+    fn the_period_has_zero_current_frames_and_no_earlier_daemon() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        std::fs::write(&path, CONFIG).unwrap();
+        let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+        let FramesFrom::Rig(plan) = &prepared.frames else {
+            panic!("it is a rig");
+        };
+        let facts = Facts {
+            id: "m1".to_owned(),
+            kind: SessionKind::Measurement,
+            simulated: true,
+            baseline_id: String::new(),
+            method: String::new(),
+            every: Duration::ZERO,
+        };
+        let counters = Arc::new(Counters::new(SystemClock::new()));
+        let path = folder.path().join("m1");
+        let mut status = Arc::new(SessionStatus::new(facts, path, false, counters));
+        let seconds = Duration::from_secs;
+        let planned = running(&status, Some(plan), seconds(0)).period;
+        // as many zero-current frames as others
+        let single = plan.plan.duration(&plan.timing).as_secs_f64();
+        assert!((planned.as_secs_f64() - 2.0 * single).abs() < 1e-6);
+
+        status.set_frames_on_disk(1000);
+        let protocol = &prepared.setup.protocol;
+        for (sequence, began) in [(1001, seconds(1000)), (1002, seconds(2000))] {
+            let frame = Frame {
+                extra: Vec::new(),
+                sequence,
+                readings: vec![survey::Reading::NotMeasured; protocol.len()],
+                monotonic: began,
+                wall: DateTime::UNIX_EPOCH,
+                duration: Duration::ZERO,
+                settings: plan.settings(),
+                compliance: Vec::new(),
+                simulated: true,
+            };
+            let published = Published::new(Checks::new(protocol).of(&frame), frame);
+            FrameSink::frames(&mut status, &[Arc::new(published)]).unwrap();
+        }
+        let observed = running(&status, Some(plan), seconds(2000));
+        assert_eq!((observed.durable, observed.period), (1002, seconds(1000)));
     }
 }
