@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use crate::events::kind::EventKind;
 use chrono::{DateTime, TimeDelta, Utc};
@@ -206,8 +207,7 @@ impl Controller {
         let age = now.signed_duration_since(baseline.wall);
         let mut order = self.measurement(&options, Some(Arc::new(baseline))).await?;
         if let Some(lasts) = order.schedule.lasts {
-            let gone = now.signed_duration_since(header.started);
-            let left = lasts.saturating_sub(gone.to_std().unwrap_or_default());
+            let left = time_left(lasts, header.started, last, now);
             if left.is_zero() {
                 return Err(NotResumed::Closed(
                     "the scheduled duration is over".to_owned(),
@@ -303,6 +303,18 @@ fn within_an_hour(before: &[DateTime<Utc>], now: DateTime<Utc>) -> u64 {
     before.iter().filter(near).count() as u64
 }
 
+/// The rest of a session's scheduled duration. If the clock was set back to before the last frame, the time up to that
+/// frame counts.
+fn time_left(
+    lasts: Duration,
+    started: DateTime<Utc>,
+    last: DateTime<Utc>,
+    now: DateTime<Utc>,
+) -> Duration {
+    let gone = now.max(last).signed_duration_since(started);
+    lasts.saturating_sub(gone.to_std().unwrap_or_default())
+}
+
 /// The known cause of the interruption.
 fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String {
     // `/proc` is not used, because it is hidden in the systemd unit
@@ -357,6 +369,16 @@ fn from_json(text: &str) -> Option<Options> {
 #[cfg(test)]
 mod tests {
     use crate::session::controller::resume::*;
+
+    #[test]
+    fn a_clock_that_is_set_back_does_not_lengthen_a_session() {
+        let at = |hours| DateTime::UNIX_EPOCH + TimeDelta::hours(hours);
+        let left = |now| {
+            let left = time_left(Duration::from_secs(10 * 3600), at(100), at(104), at(now));
+            left.as_secs() / 3600
+        };
+        assert_eq!([left(105), left(110), left(102), left(0)], [5, 0, 6, 6]);
+    }
 
     #[test]
     fn options_come_back_from_a_file_as_they_were() {
