@@ -53,8 +53,17 @@ impl Recording {
         }
     }
 
+    /// Leaves out the next frame, which cannot be read. Returns its number, from 1.
+    pub(crate) fn skip(&mut self) -> u64 {
+        self.position += 1;
+        self.position
+    }
+
     /// When the next frame is due, counted from the first; `None` at the end. Always zero if played as fast as
     /// possible.
+    ///
+    /// # Errors
+    /// The frame cannot be read.
     pub(crate) fn due(&self) -> Result<Option<Duration>, RecordedError> {
         if self.position >= self.frames.len() {
             return Ok(None);
@@ -87,6 +96,9 @@ impl Recording {
     }
 
     /// The next frame with the current time; `None` at the end.
+    ///
+    /// # Errors
+    /// The frame cannot be read.
     pub(crate) fn next(
         &mut self,
         monotonic: Duration,

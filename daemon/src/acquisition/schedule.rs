@@ -23,8 +23,8 @@ pub(crate) enum Next {
 }
 
 impl Schedule {
-    /// The next action at time `now`, after `taken` frames, the last of which was due at `last` (`None` before the
-    /// first); the session began at `began`.
+    /// The next action at time `now`, after `taken` frames; the last frame that was taken or missed was due at `last`
+    /// (`None` before the first), and the session began at `began`.
     pub(crate) fn next(
         &self,
         began: Duration,
@@ -46,13 +46,12 @@ impl Schedule {
     }
 
     fn due(&self, began: Duration, last: Option<Duration>, now: Duration) -> (Duration, u64) {
-        let Some(last) = last else {
-            return (began, 0);
+        let due = match last {
+            Some(_) if self.every.is_zero() => return (now, 0),
+            None if self.every.is_zero() => return (began, 0),
+            Some(last) => last.saturating_add(self.every),
+            None => began,
         };
-        if self.every.is_zero() {
-            return (now, 0);
-        }
-        let due = last.saturating_add(self.every);
         if now < due.saturating_add(self.every) {
             return (due, 0);
         }

@@ -1,14 +1,17 @@
 //! The acquisition task of one session: waits for the schedule, takes a frame, and sends it to the recorder. Clients
 //! cannot delay it.
 
+mod progress;
+mod recorded;
 #[cfg(test)]
 mod tests;
+
+pub(crate) use crate::acquisition::task::progress::AcquisitionProgress;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use crate::events::kind::EventKind;
-use imaging::recorded::RecordedError;
 use rig::{
     AcquireError, Clock, EndReason, InjectionReadings, InjectionSink, RingTranscript, Stop,
     SystemClock,
@@ -26,7 +29,6 @@ use crate::instruments::rig_plan::{InstrumentAddresses, RigPlan};
 use crate::monitoring::heartbeat::{Heartbeats, IdleOnDrop, Part};
 use crate::recording::recorder_message::RecorderMessage;
 use crate::recording::session_status::SessionStatus;
-use survey::error_chain as chain;
 
 /// Margin of the heartbeat beyond the longest time that a frame may take.
 const HEARTBEAT_MARGIN: Duration = Duration::from_secs(120);
@@ -50,8 +52,6 @@ pub(crate) enum AcquisitionEnd {
     Rig(Box<AcquireError>),
     /// The rig had been lost before the session used it.
     NoRig,
-    /// The recording failed.
-    Recording(Box<RecordedError>),
 }
 
 impl AcquisitionEnd {
@@ -61,7 +61,6 @@ impl AcquisitionEnd {
             Self::Done(reason) => reason.clone(),
             Self::Rig(error) => crate::acquisition::failed_frame::describe(error),
             Self::NoRig => "the rig was lost before the frame".to_owned(),
-            Self::Recording(error) => chain(error.as_ref()),
         }
     }
 }
@@ -96,26 +95,6 @@ pub(crate) struct Pause {
     pub applied: oneshot::Sender<()>,
 }
 
-/// Progress of a session, kept when the connection to the rig is lost.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct AcquisitionProgress {
-    began: Option<Duration>,
-    taken: u64,
-    last: Option<Duration>,
-    /// Time spent in pauses, by which the frames of a recording are postponed.
-    shift: Duration,
-}
-
-impl AcquisitionProgress {
-    /// Progress of a resumed session with this many frames.
-    pub(crate) fn after(taken: u64) -> Self {
-        Self {
-            taken,
-            ..Self::default()
-        }
-    }
-}
-
 /// Why a wait ended.
 enum WaitEnd {
     Due,
@@ -139,7 +118,17 @@ impl Acquisition {
         loop {
             // a hold may begin while the session is suspended, and the reverse
             while *suspend.borrow() || *held.borrow() {
+                if *suspend.borrow() && matches!(source, FrameSource::Rig { .. }) {
+                    let now = self.clock.monotonic();
+                    let missed = self.progress.skip_missed(&self.schedule, now);
+                    self.count_missed(missed).await;
+                }
                 let requested = self.wait_while_suspended(&mut suspend, &mut stop).await;
+                if !requested.is_zero() {
+                    // not counted: no frame was wanted during the pause
+                    let now = self.clock.monotonic();
+                    self.progress.skip_missed(&self.schedule, now);
+                }
                 self.progress.shift +=
                     requested + self.wait_while_suspended(&mut held, &mut stop).await;
                 if stop.is_requested() {
@@ -164,13 +153,15 @@ impl Acquisition {
             if let FrameSource::Recording(recording) = source {
                 match recording.due() {
                     Ok(Some(offset)) => due = began + shift + offset,
-                    Ok(None) => return AcquisitionEnd::Done("the recording is over".to_owned()),
-                    Err(error) => return AcquisitionEnd::Recording(Box::new(error)),
+                    Ok(None) => return self.end_of_recording(),
+                    Err(error) => {
+                        self.leave_out(recording, &error).await;
+                        continue;
+                    }
                 }
             } else if missed > 0 {
-                self.status.count_dropped(missed);
-                let text = format!("{missed} frames were due and could not be taken in time");
-                self.note(EventKind::FramesMissed, text).await;
+                self.progress.skip_missed(&self.schedule, now);
+                self.count_missed(missed).await;
             }
             let waited = match &mut grants {
                 Some(grants) => {
@@ -205,13 +196,19 @@ impl Acquisition {
                         .map_err(|error| AcquisitionEnd::Rig(Box::new(error)))
                 }
                 FrameSource::Rig { rig: None, .. } => Err(AcquisitionEnd::NoRig),
-                FrameSource::Recording(recording) => recording
-                    .next(self.clock.monotonic(), self.clock.wall())
-                    .map_err(|error| AcquisitionEnd::Recording(Box::new(error))),
+                FrameSource::Recording(recording) => {
+                    match recording.next(self.clock.monotonic(), self.clock.wall()) {
+                        Ok(frame) => Ok(frame),
+                        Err(error) => {
+                            self.leave_out(recording, &error).await;
+                            continue;
+                        }
+                    }
+                }
             };
             let frame = match taken {
                 Ok(Some(frame)) => frame,
-                Ok(None) => return AcquisitionEnd::Done("the recording is over".to_owned()),
+                Ok(None) => return self.end_of_recording(),
                 Err(AcquisitionEnd::Rig(error))
                     if stop.is_requested()
                         && error.made_safe.is_ok()
@@ -240,6 +237,15 @@ impl Acquisition {
             if !handed_over {
                 return AcquisitionEnd::Done(self.status.stop_reason());
             }
+        }
+    }
+
+    /// Counts frames that were due and could not be taken in time.
+    async fn count_missed(&self, missed: u64) {
+        if missed > 0 {
+            self.status.count_dropped(missed);
+            let text = format!("{missed} frames were due and could not be taken in time");
+            self.note(EventKind::FramesMissed, text).await;
         }
     }
 

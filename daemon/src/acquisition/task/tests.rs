@@ -1,4 +1,5 @@
-//! Tests of heartbeats while the recorder accepts no frame, and of the longest time of a frame.
+//! Tests of heartbeats while the recorder accepts no frame, of the longest time of a frame, and of damaged frames of a
+//! recording.
 
 use chrono::{DateTime, Utc};
 use imaging::recorded::IndexedFrames;
@@ -95,6 +96,52 @@ async fn an_event_that_waits_for_the_recorder_is_no_hang() {
     assert!(waits.is_err());
     let in_a_day = Duration::from_secs(86_400);
     assert_eq!(acquisition.heartbeats.overdue(in_a_day), None);
+}
+
+#[tokio::test]
+async fn a_damaged_frame_of_a_recording_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("frames.csv");
+    std::fs::write(&table, "1,1,1,1\n2,2,2,2\n3,3,3,3\n").unwrap();
+    let protocol = Protocol::sheffield(4).unwrap();
+    let frames = IndexedFrames::table(&table, &protocol, Amps(1.0), false).unwrap();
+    let header = logbook::SessionHeader::new("monday", WALL, protocol);
+    let mut writer = logbook::SessionWriter::create(folder.path(), &header).unwrap();
+    let path = writer.path().to_owned();
+    for index in 0..frames.len() {
+        let frame = frames.frame(index, WALL).unwrap();
+        writer.append(&frame, None).unwrap();
+    }
+    writer.close(WALL, "end").unwrap();
+    let file = rusqlite::Connection::open(&path).unwrap();
+    let damage = "UPDATE frame SET checksum = checksum + 1 WHERE sequence = 2";
+    file.execute(damage, []).unwrap();
+    drop(file);
+    let (session, _) = IndexedFrames::session(&path, false).unwrap();
+    let playing = Playing {
+        frames_per_s: None,
+        speed: 0.0,
+    };
+    let mut source = FrameSource::Recording(Box::new(Recording::new(session, playing)));
+    let (recorder, mut queue) = mpsc::channel(8);
+    let mut acquisition = acquisition(folder.path(), recorder);
+    let ended = acquisition.run(&mut source).await;
+    assert!(
+        matches!(&ended, AcquisitionEnd::Done(why) if why.contains("1 of its frames cannot be read")),
+        "{ended:?}"
+    );
+    let status = Arc::clone(&acquisition.status);
+    assert_eq!((status.acquired(), status.failures()), (2, 1));
+    drop(acquisition);
+    let mut received = Vec::new();
+    while let Some(message) = queue.recv().await {
+        received.push(match message {
+            RecorderMessage::Frame(frame) => format!("{:?}", frame.readings[0].volts().unwrap()),
+            RecorderMessage::Event(event) => event.kind.as_str().to_owned(),
+            other => format!("{other:?}"),
+        });
+    }
+    assert_eq!(received, ["Volts(1.0)", "frame-failed", "Volts(3.0)"]);
 }
 
 #[test]
