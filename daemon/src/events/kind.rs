@@ -133,6 +133,7 @@ kinds! {
     RecordUnlocked "record-unlocked", Warn, Session, "The session file can be written again", "Nothing";
     SessionDeleted "session-deleted", Warn, Session, "The oldest session was deleted to free space, as configured", "Nothing";
     PartRefused "part-refused", Warn, Session, "The next part of the session could not be created; the present one continues", "Check the disk that the text names";
+    PartCreated "part-created", Warn, Session, "The next part of the session could be created after that", "Nothing";
     ContainedPanic "contained-panic", Error, Journal, "The daemon's own code failed while it replied to one client", "Report it with the text";
     Metrics "metrics", Warn, Journal, "The address of `[metrics]` cannot be listened on", "Choose another address, reload";
     CallsLost "calls-lost", Warn, Journal, "Calls of a client that requested no reply were discarded", "Find the client that sends too many";

@@ -1,6 +1,5 @@
-//! Disk space of the record: an early alarm, a policy for a full disk, and a new part of the session if the old file
-//! has an I/O error, is locked or deleted, or has reached its maximum size. Acknowledged frames are safe; the current
-//! frame waits.
+//! Disk space of the record: an early alarm, and a policy for a full disk, a lock or an I/O error. Acknowledged frames
+//! are safe; the current frame waits.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -8,7 +7,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::events::kind::EventKind;
-use chrono::{DateTime, Utc};
 use logbook::{DiskFault, LogbookError, Retention, SessionWriter};
 use rig::Clock;
 
@@ -21,7 +19,7 @@ use survey::error_chain as chain;
 
 /// Time between two checks for space.
 const SPACE_CHECK_INTERVAL: Duration = Duration::from_millis(200);
-const MEGABYTE: u64 = 1_000_000;
+pub(super) const MEGABYTE: u64 = 1_000_000;
 /// Minimum space that is freed at a time with `when_full = "ring"`, bytes.
 const LEAST_DELETED: u64 = 16 * MEGABYTE;
 /// Time to wait for another process's lock before the session continues in the next part.
@@ -31,12 +29,14 @@ type Free = Box<dyn Fn(&Path) -> std::io::Result<u64> + Send>;
 
 /// State of the policy for low space, a full disk, or a lock.
 pub(crate) struct DiskPolicy {
-    section: RecordSection,
+    pub(super) section: RecordSection,
     free: Free,
     /// Whether the low-space alarm has been reported.
     low: bool,
     /// The day of the last frame.
-    day: Option<chrono::NaiveDate>,
+    pub(super) day: Option<chrono::NaiveDate>,
+    /// Whether the next part could not be created, which is reported once.
+    pub(super) part_refused: bool,
     /// The pause in progress.
     paused: Option<Pause>,
     /// How long to wait for another process's lock.
@@ -49,8 +49,10 @@ pub(crate) struct DiskPolicy {
 struct Pause {
     since: Duration,
     why: String,
-    /// Whether it waits for a lock rather than for space.
+    /// Whether it began with a lock rather than without space.
     locked: bool,
+    /// Since when it has waited for a lock; `None` while it waits for space.
+    locked_since: Option<Duration>,
 }
 
 impl DiskPolicy {
@@ -60,6 +62,7 @@ impl DiskPolicy {
             free,
             low: false,
             day: None,
+            part_refused: false,
             paused: None,
             lock_patience: LOCK_TIMEOUT,
             unwritten: VecDeque::new(),
@@ -143,10 +146,9 @@ impl LogbookSink {
     /// Whether the wait for the lock is over: it has timed out, or the end of the session was requested.
     fn has_waited_for_the_lock(&self) -> bool {
         let now = self.clock.monotonic();
-        let waited = match &self.disk.paused {
-            Some(pause) if pause.locked => now.saturating_sub(pause.since),
-            _ => Duration::ZERO,
-        };
+        let pause = self.disk.paused.as_ref();
+        let since = pause.and_then(|pause| pause.locked_since);
+        let waited = since.map_or(Duration::ZERO, |since| now.saturating_sub(since));
         waited >= self.disk.lock_patience || self.status.stop_request().is_requested()
     }
 
@@ -164,73 +166,6 @@ impl LogbookSink {
                 }
                 Err(error) => self.handle_failure(error, &mut renewed)?,
             }
-        }
-    }
-
-    /// Continues the session in its next part if the file has reached its maximum size or a new day has begun. If the
-    /// part cannot be created, continues in this one.
-    pub(in crate::recording) fn roll(&mut self, at: DateTime<Utc>) -> Result<(), LogbookError> {
-        let section = &self.disk.section;
-        let before = self.disk.day.replace(at.date_naive());
-        let new_day = section.roll_daily && before.is_some_and(|before| before != at.date_naive());
-        let large = section.roll_mb > 0 && self.writer.bytes() > section.roll_mb * MEGABYTE;
-        if !(new_day || large) {
-            return Ok(());
-        }
-        match self.writer.roll(at) {
-            Ok(_) => {
-                self.status.set_path(self.writer.path());
-                Ok(())
-            }
-            Err(error) if error.needs_successor() => self.renew(&error),
-            // tried again with the next frame
-            Err(error) if error.is_locked() => {
-                self.disk.day = before;
-                Ok(())
-            }
-            Err(error) => self.write_event(EventKind::PartRefused, &chain(&error)),
-        }
-    }
-
-    /// Continues the session in another file, after the acknowledged frames. After an I/O error the state of the old
-    /// file on disk is unknown: reads may be served from the page cache. The frames of a deleted file are copied to a
-    /// new one.
-    pub(in crate::recording) fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
-        let at = self.clock.wall();
-        let why = chain(error);
-        let rescued = error.is_gone().then(|| self.writer.rescue());
-        let kept = match &rescued {
-            None => String::new(),
-            Some(Ok(copy)) => format!("; its frames are in {}", copy.display()),
-            Some(Err(refused)) => format!(
-                "; frames {} to {} were in it and could not be copied ({})",
-                self.writer.header().first_sequence,
-                self.writer.acknowledged(),
-                chain(refused)
-            ),
-        };
-        let left = self.writer.successor(at, &format!("{why}{kept}"))?;
-        self.status.set_path(self.writer.path());
-        let todo = match error {
-            LogbookError::Gone { .. } => "do not touch the files of a session that runs",
-            LogbookError::Locked { .. } => "do not open the files of a running session for writing",
-            _ => "mend the disk",
-        };
-        let text = format!(
-            "writing to {} has stopped: {why}{kept}; the session continues in {}; {todo}",
-            left.display(),
-            self.writer.path().display()
-        );
-        // not written to the record: the new part contains the reason itself
-        self.report(EventKind::Alarm, &text);
-        Ok(())
-    }
-
-    /// Checks that the file is still at its path; called while no frame is written.
-    pub(in crate::recording) fn look_at_place(&mut self) -> Result<(), LogbookError> {
-        match self.writer.check_place() {
-            Err(gone) => self.renew(&gone),
-            Ok(()) => Ok(()),
         }
     }
 
@@ -304,6 +239,7 @@ impl LogbookSink {
                 since: self.clock.monotonic(),
                 why,
                 locked,
+                locked_since: None,
             });
             self.status.set_last_error(&text);
             self.status.hold(true);
@@ -313,6 +249,10 @@ impl LogbookSink {
                 false => EventKind::DiskFull,
             };
             self.report(kind, &text);
+        }
+        if let Some(pause) = &mut self.disk.paused {
+            let since = pause.locked_since.unwrap_or(self.clock.monotonic());
+            pause.locked_since = locked.then_some(since);
         }
         if self.status.stop_request().is_requested() {
             self.status.hold(false);
@@ -328,7 +268,10 @@ impl LogbookSink {
 
     /// Ends a pause after a successful write, and writes an event about it.
     fn end_pause(&mut self) {
-        let Some(Pause { since, why, locked }) = self.disk.paused.take() else {
+        let Some(Pause {
+            since, why, locked, ..
+        }) = self.disk.paused.take()
+        else {
             return;
         };
         let waited = self.clock.monotonic().saturating_sub(since);

@@ -4,6 +4,7 @@
 mod continuity;
 mod disk_space;
 mod events;
+mod parts;
 
 pub(crate) use crate::recording::logbook_sink::disk_space::DiskPolicy;
 
@@ -48,10 +49,7 @@ impl FrameSink for LogbookSink {
         self.roll(first.frame.wall)?;
         self.compare_with_previous(&first.frame)?;
         self.check_clock(&first.frame)?;
-        if let Err(error) = self.store(frames) {
-            self.status.count_dropped(frames.len() as u64);
-            return Err(error);
-        }
+        self.store(frames)?;
         let now = self.clock.monotonic();
         for published in frames {
             let frame = &published.frame;

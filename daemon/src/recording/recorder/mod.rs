@@ -119,7 +119,13 @@ impl Recorder {
                         &mut waiting,
                         self.logbook.disk.gathers(),
                     );
-                    self.frames(frames, &orders)
+                    let (before, number) = (self.logbook.acknowledged(), frames.len() as u64);
+                    let written = self.frames(frames, &orders);
+                    if written.is_err() {
+                        let durable = self.logbook.acknowledged().saturating_sub(before);
+                        self.status.count_dropped(number.saturating_sub(durable));
+                    }
+                    written
                 }
                 RecorderMessage::Event(event) => self.logbook.event(event),
                 RecorderMessage::Order { order, by, reply } => {

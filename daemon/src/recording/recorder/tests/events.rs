@@ -48,6 +48,21 @@ impl Filler {
     }
 }
 
+/// Lets the recorder continue in a session with the page limit.
+fn limit_pages(scene: &Scene, recorder: &mut Recorder) {
+    let setup = &scene.prepared.setup;
+    let header = SessionHeader::new("m2", DateTime::UNIX_EPOCH, setup.protocol.clone());
+    let storage = Storage {
+        page_limit: Some(PAGES),
+        ..Storage::default()
+    };
+    let mut writer = SessionWriter::create_with(&setup.record_directory, &header, storage).unwrap();
+    let baseline = Baseline::from_frames("b1", &[frame(&scene.prepared, 0)]).unwrap();
+    writer.baseline(&baseline).unwrap();
+    scene.status.set_path(writer.path());
+    recorder.logbook.writer = writer;
+}
+
 /// Waits until acquisition is held; panics if the end of the session is requested instead.
 fn held(status: &SessionStatus) {
     let mut held = status.held();
@@ -67,17 +82,7 @@ fn held(status: &SessionStatus) {
 #[test]
 fn event_on_a_full_disk_waits_and_ends_no_session() {
     let (scene, mut recorder, queue, tell) = Scene::new();
-    let setup = &scene.prepared.setup;
-    let header = SessionHeader::new("m2", DateTime::UNIX_EPOCH, setup.protocol.clone());
-    let storage = Storage {
-        page_limit: Some(PAGES),
-        ..Storage::default()
-    };
-    let mut writer = SessionWriter::create_with(&setup.record_directory, &header, storage).unwrap();
-    let baseline = Baseline::from_frames("b1", &[frame(&scene.prepared, 0)]).unwrap();
-    writer.baseline(&baseline).unwrap();
-    scene.status.set_path(writer.path());
-    recorder.logbook.writer = writer;
+    limit_pages(&scene, &mut recorder);
     let recording = std::thread::spawn(move || recorder.run(queue));
     tell.send(Do::Map).unwrap();
     scene.frame(1);
@@ -131,6 +136,43 @@ fn event_on_a_full_disk_waits_and_ends_no_session() {
             .closed()
             .is_some()
     );
+}
+
+#[test]
+fn an_event_that_fails_counts_every_frame_of_its_batch() {
+    let (scene, mut recorder, queue, tell) = Scene::new();
+    limit_pages(&scene, &mut recorder);
+    let _ballast = Filler::load(&scene.status.path());
+    // the event about the method cannot be written, and the session must not wait for space
+    tell.send(Do::Panic).unwrap();
+    for number in 1..=3 {
+        scene.frame(number);
+    }
+    scene.status.stop("a test");
+    recorder.run(queue).unwrap_err();
+    assert_eq!((scene.status.durable(), scene.status.dropped()), (0, 3));
+}
+
+#[test]
+fn a_lock_during_a_pause_for_space_is_left_behind() {
+    let (scene, mut recorder, queue, tell) = Scene::new();
+    recorder.logbook.disk.lock_patience = Duration::from_nanos(1);
+    let first = scene.status.path();
+    tell.send(Do::Map).unwrap();
+    scene.free.store(0, Ordering::SeqCst);
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.status.held(), |held| *held);
+    let other = Connection::open(&first).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
+    until(scene.status.follow_durable(), |durable| *durable == 1);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    assert_ne!(scene.status.path(), first);
+    let reported = scene.reported();
+    assert!(reported.contains(&"alarm"), "{reported:?}");
+    drop(other);
 }
 
 #[test]
