@@ -178,6 +178,18 @@ impl Alarm {
         self.state.invalid.is_some() && !self.is_put_aside()
     }
 
+    /// The end of an alarm that is no longer kept because its rule was removed; `None` if it is not active.
+    fn end_without_rule(&self) -> Option<Transition> {
+        self.state.active.then(|| Transition {
+            alarm: self.rule.name.clone(),
+            kind: TransitionKind::Over,
+            text: format!(
+                "over: its rule is no longer in the configuration; it was: {}",
+                self.state.cause
+            ),
+        })
+    }
+
     /// Whether a person has shelved it or taken it out of service.
     pub fn is_put_aside(&self) -> bool {
         self.state.shelf.is_some() || self.state.out_of_service.is_some()
@@ -191,8 +203,8 @@ pub struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
     /// Replaces all rules. The state of a rule with the same name is kept; an alarm without a rule stays until it is
-    /// acknowledged.
-    pub fn set_rules(&mut self, rules: Vec<Rule>) {
+    /// acknowledged. Returns the ends of active alarms that are acknowledged already.
+    pub fn set_rules(&mut self, rules: Vec<Rule>) -> Vec<Transition> {
         for alarm in self.0.values_mut() {
             alarm.removed = true;
         }
@@ -217,8 +229,15 @@ impl Alarms {
                 .state
                 .forget_condition("its rule is no longer in the configuration");
         }
-        self.0
-            .retain(|_, alarm| !alarm.removed || !alarm.state.acknowledged);
+        let mut ends = Vec::new();
+        self.0.retain(|_, alarm| {
+            let kept = !alarm.removed || !alarm.state.acknowledged;
+            if !kept {
+                ends.extend(alarm.end_without_rule());
+            }
+            kept
+        });
+        ends
     }
 
     /// Continues with a stored state after a restart. The conditions were not followed meanwhile, so that no time
@@ -245,7 +264,8 @@ impl Alarms {
         transitions
     }
 
-    /// Carries out an order of a person. `by`: who; `comment`: free text.
+    /// Carries out an order of a person. `by`: who; `comment`: free text. Acknowledging an active alarm whose rule was
+    /// removed also ends it.
     ///
     /// # Errors
     /// There is no such alarm, or its state does not allow the order.
@@ -256,7 +276,7 @@ impl Alarms {
         order: &Order,
         by: &str,
         comment: &str,
-    ) -> Result<Transition, Refused> {
+    ) -> Result<Vec<Transition>, Refused> {
         let Some(alarm) = self.0.get_mut(name) else {
             return Err(Refused::NoAlarm {
                 name: name.to_owned(),
@@ -269,14 +289,16 @@ impl Alarms {
             at_s,
         };
         let text = alarm.state.order(&alarm.rule, order, note)?;
-        if alarm.removed && alarm.state.acknowledged {
-            self.0.remove(name);
-        }
-        Ok(Transition {
+        let mut transitions = vec![Transition {
             alarm: name.to_owned(),
             kind: TransitionKind::Handled,
             text,
-        })
+        }];
+        if alarm.removed && alarm.state.acknowledged {
+            transitions.extend(alarm.end_without_rule());
+            self.0.remove(name);
+        }
+        Ok(transitions)
     }
 
     /// The alarm with this name.

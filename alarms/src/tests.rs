@@ -46,7 +46,7 @@ fn level(alarms: &Alarms) -> Option<Level> {
     alarms.get(NAME).unwrap().level()
 }
 
-fn order(alarms: &mut Alarms, at_s: f64, order: Order) -> Result<Transition, Refused> {
+fn order(alarms: &mut Alarms, at_s: f64, order: Order) -> Result<Vec<Transition>, Refused> {
     alarms.order(NAME, at_s, &order, "user 7", "")
 }
 
@@ -205,12 +205,28 @@ fn a_removed_rule_stays_until_it_is_acknowledged() {
     let orphan = alarms.get(NAME).unwrap();
     assert!(orphan.removed && orphan.notifies());
     assert_eq!(play(&mut alarms, 20, 100, &Judgement::Within), []);
-    order(&mut alarms, 100.0, Order::Acknowledge).unwrap();
+    let done = order(&mut alarms, 100.0, Order::Acknowledge).unwrap();
+    let kinds: Vec<_> = done.iter().map(|one| one.kind).collect();
+    assert_eq!(kinds, [TransitionKind::Handled, TransitionKind::Over]);
     assert_eq!(alarms.get(NAME), None);
     assert!(matches!(
         order(&mut alarms, 100.0, Order::Acknowledge),
         Err(Refused::NoAlarm { .. })
     ));
+}
+
+#[test]
+fn an_acknowledged_alarm_ends_with_its_rule() {
+    let mut alarms = alarms(false);
+    play(&mut alarms, 0, 20, &beyond());
+    order(&mut alarms, 20.0, Order::Acknowledge).unwrap();
+    let gone = alarms.set_rules(Vec::new());
+    assert_eq!(gone.len(), 1, "{gone:?}");
+    assert_eq!(gone[0].kind, TransitionKind::Over);
+    assert!(gone[0].text.contains("9 kPa"), "{gone:?}");
+    // an alarm that was not active has no end
+    alarms.set_rules(vec![rule(false)]);
+    assert_eq!(alarms.set_rules(Vec::new()), []);
 }
 
 #[test]
@@ -317,7 +333,7 @@ proptest! {
                         }
                         _ => {}
                     }
-                    done.into_iter().collect()
+                    done.unwrap_or_default()
                 }
                 Step::Restart => {
                     let stored = serde_json::to_string(&alarms).unwrap();

@@ -3,6 +3,8 @@
 
 mod judged;
 pub(crate) mod sink;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -68,13 +70,15 @@ pub(crate) struct Change {
 }
 
 impl AlarmDesk {
-    /// Loads the stored state from this directory. Also returns a change to report if the state could not be read.
-    pub(crate) fn open(directory: &Path, config: &Config) -> (Self, Option<Change>) {
+    /// Loads the stored state from this directory. Also returns the changes to report: the state could not be read, and
+    /// alarms ended because their rules were removed meanwhile.
+    pub(crate) fn open(directory: &Path, config: &Config) -> (Self, Vec<Change>) {
         let path = directory.join(FILE);
-        let (mut alarms, remark) = match recall(&path) {
-            Ok(alarms) => (alarms, None),
-            Err(why) => (Alarms::default(), Some(why)),
-        };
+        let mut changes = Vec::new();
+        let mut alarms = recall(&path).unwrap_or_else(|text| {
+            changes.push(Change::invalid(text));
+            Alarms::default()
+        });
         alarms.restarted();
         let (frames, waiting) = mpsc::channel(QUEUE);
         let desk = Self {
@@ -88,22 +92,24 @@ impl AlarmDesk {
             waiting: Mutex::new(Some(waiting)),
         };
         if let Ok(mut open) = desk.desk.try_lock() {
-            open.take_rules(&config.alarm);
+            let ended = open.take_rules(&config.alarm);
+            if !ended.is_empty()
+                && let Err(why) = store(&desk.path, &open.alarms)
+            {
+                changes.push(Change::unstored(&why));
+                open.unstored = true;
+            }
+            changes.extend(ended.into_iter().map(Change::of));
             desk.show(&open);
         }
-        let remark = remark.map(|text| Change {
-            kind: EventKind::AlarmInvalid,
-            text,
-            of_session: false,
-        });
-        (desk, remark)
+        (desk, changes)
     }
 
-    /// Replaces the rules by those of this configuration.
-    pub(crate) async fn take_rules(&self, config: &Config) {
+    /// Replaces the rules by those of this configuration. Returns the ends of alarms whose rules were removed.
+    pub(crate) async fn take_rules(&self, config: &Config) -> Vec<Change> {
         let mut desk = self.desk.lock().await;
-        desk.take_rules(&config.alarm);
-        self.show(&desk);
+        let ended = desk.take_rules(&config.alarm);
+        self.keep(&mut desk, ended).await
     }
 
     /// The sender for the frames to be judged.
@@ -179,7 +185,7 @@ impl AlarmDesk {
     ) -> Result<Vec<Change>, Refused> {
         let mut desk = self.desk.lock().await;
         let done = desk.alarms.order(name, at_s, &order, by, comment)?;
-        Ok(self.keep(&mut desk, vec![done]).await)
+        Ok(self.keep(&mut desk, done).await)
     }
 
     /// Stores the state after a change, and returns the changes to report.
@@ -199,11 +205,7 @@ impl AlarmDesk {
         if let Some(why) = &failed
             && !desk.unstored
         {
-            changes.push(Change {
-                kind: EventKind::AlarmInvalid,
-                text: format!("the state of the alarms cannot be stored, and would be lost with the daemon: {why}"),
-                of_session: false,
-            });
+            changes.push(Change::unstored(why));
         }
         desk.unstored = failed.is_some();
         changes
@@ -219,11 +221,11 @@ impl AlarmDesk {
 }
 
 impl Desk {
-    fn take_rules(&mut self, rules: &[AlarmSettings]) {
+    fn take_rules(&mut self, rules: &[AlarmSettings]) -> Vec<Transition> {
         self.rules = rules.into();
         let own = rules.iter().map(AlarmSettings::rule);
         self.alarms
-            .set_rules(built_in::rules().chain(own).collect());
+            .set_rules(built_in::rules().chain(own).collect())
     }
 
     fn judge(&mut self, at_s: f64, judgements: Vec<(String, Judgement)>) -> Vec<Transition> {
@@ -270,6 +272,21 @@ impl Change {
             of_session: !own,
         }
     }
+
+    /// A problem of the stored state.
+    fn invalid(text: String) -> Self {
+        Self {
+            kind: EventKind::AlarmInvalid,
+            text,
+            of_session: false,
+        }
+    }
+
+    fn unstored(why: &str) -> Self {
+        Self::invalid(format!(
+            "the state of the alarms cannot be stored, and would be lost with the daemon: {why}"
+        ))
+    }
 }
 
 impl Shown {
@@ -307,26 +324,23 @@ impl Shown {
 
 /// The stored state; a file that cannot be read is renamed, so that it is not overwritten.
 fn recall(path: &Path) -> Result<Alarms, String> {
-    let text = match std::fs::read_to_string(path) {
-        Ok(text) => text,
+    let cause = match std::fs::read(path) {
+        Ok(text) => match serde_json::from_slice(&text) {
+            Ok(alarms) => return Ok(alarms),
+            Err(cause) => cause.to_string(),
+        },
         Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(Alarms::default()),
-        Err(cause) => return Err(lost(path, &cause.to_string())),
+        Err(cause) => cause.to_string(),
     };
-    serde_json::from_str(&text).map_err(|cause| {
-        let kept = path.with_file_name(DAMAGED);
-        let kept = match std::fs::rename(path, &kept) {
-            Ok(()) => format!("{cause}; it is kept as {}", kept.display()),
-            Err(_) => cause.to_string(),
-        };
-        lost(path, &kept)
-    })
-}
-
-fn lost(path: &Path, why: &str) -> String {
-    format!(
-        "the stored state of the alarms cannot be read, and every alarm begins anew: {}: {why}",
+    let kept = path.with_file_name(DAMAGED);
+    let outcome = match std::fs::rename(path, &kept) {
+        Ok(()) => format!("it is kept as {}", kept.display()),
+        Err(refused) => format!("it cannot be renamed to {}: {refused}", kept.display()),
+    };
+    Err(format!(
+        "the stored state of the alarms cannot be read, and every alarm begins anew: {}: {cause}; {outcome}",
         path.display()
-    )
+    ))
 }
 
 fn store(path: &Path, alarms: &Alarms) -> Result<(), String> {

@@ -206,9 +206,9 @@ impl Controller {
             } => (FrameSource::Recording(recording), Some(*baseline)),
         };
         let events = EventLog::new(setup.record_directory.clone());
-        let (alarms, lost) = AlarmDesk::open(&setup.record_directory, &setup.config);
-        if let Some(lost) = lost {
-            events.report(Event::new(clock.wall(), lost.kind, &lost.text, None));
+        let (alarms, changes) = AlarmDesk::open(&setup.record_directory, &setup.config);
+        for change in changes {
+            events.report(Event::new(clock.wall(), change.kind, &change.text, None));
         }
         let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
         Arc::new(Self {

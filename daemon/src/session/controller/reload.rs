@@ -171,7 +171,8 @@ impl Controller {
                 outcome
             }
         };
-        self.alarms.take_rules(&runtime.setup.config).await;
+        let ended = self.alarms.take_rules(&runtime.setup.config).await;
+        self.report_changes(ended);
         *locked(&self.runtime) = Arc::new(runtime);
         // the remarks depend on the model
         self.remarked.lock().await.clear();
