@@ -88,6 +88,11 @@ impl AssemblyError {
             | Self::Others { .. } => SourceState::Off,
         }
     }
+
+    /// Whether relays were commanded, and are not verified open.
+    pub(crate) fn leaves_relays_unknown(&self) -> bool {
+        matches!(self, Self::Unsafe(cleanup) if cleanup.relays.is_some())
+    }
 }
 
 /// Connects to every instrument, compares them with `identities`, checks the wiring against the modules, makes the rig

@@ -92,6 +92,29 @@ async fn another_source_without_its_mainframe_is_not_reported_off() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_new_rig_reached_after_its_reload_needs_no_acceptance() {
+    let (_rig, server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let (source, _) = ports(&server);
+    let mainframe = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = mainframe.local_addr().unwrap();
+    drop(mainframe);
+    stage.configure(&config.replace(&server.ready().mainframe, &address.to_string()));
+    let text = within(daemon.manager.reload()).await.unwrap();
+    assert!(text.contains("its rig cannot be reached"), "{text}");
+    server.stop().await;
+    // another source at the address of the source before
+    let _other = serve(&other(false), (source, address.port())).await;
+    reported(&mut happened, "reconnected").await;
+    daemon.baseline(1).await;
+    daemon.terminate().await;
+    let file = stage.path().join("state/known-instruments.json");
+    assert!(std::fs::read_to_string(&file).unwrap().contains("7654321"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     let (_rig, server, config) = on_tcp().await;
     let stage = Stage::new(&config);

@@ -224,6 +224,28 @@ async fn a_source_never_reached_is_unknown_and_blocks_no_reload() {
     }
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn open_all_with_a_mistyped_switch_blocks_no_reload() {
+    let (_rig, server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = other.local_addr().unwrap().to_string();
+    drop(other);
+    stage.configure(&config.replace(&server.ready().mainframe, &address));
+    let text = within(daemon.manager.reload()).await.unwrap();
+    assert!(text.contains("its rig cannot be reached"), "{text}");
+    let refused = within(daemon.manager.open_all()).await;
+    assert!(
+        matches!(&refused, Err(Fault::InstrumentFault(text)) if text.contains(&address)),
+        "{refused:?}"
+    );
+    stage.configure(&config);
+    let text = within(daemon.manager.reload()).await.unwrap();
+    assert!(text.ends_with("is in force"), "{text}");
+    daemon.baseline(1).await;
+}
+
 /// The rig of the stage in its state after power-on.
 fn fresh(stage: &Stage) -> ReplayTarget {
     let profile = Profile::load(stage.path().join("profile.toml").to_str().unwrap()).unwrap();

@@ -139,6 +139,9 @@ struct Inner {
     /// Why measuring is refused until an operator has checked: relays found closed at the start.
     closed: Option<String>,
     identities: ExpectedIdentities,
+    /// Whether no instrument of a configuration with another rig has been reached since its reload: `identities` are
+    /// those of the rig before, and any are accepted, as at the reload.
+    rig_is_new: bool,
     /// Unexpected instruments that were found and not accepted yet.
     others: Option<ExpectedIdentities>,
     source_state: SourceState,
@@ -241,6 +244,7 @@ impl Controller {
                 rig_fault: closed.clone(),
                 closed,
                 identities,
+                rig_is_new: false,
                 others: None,
                 source_state: SourceState::Off,
                 relays_unknown: false,

@@ -87,6 +87,25 @@ impl Controller {
         }
     }
 
+    /// The instruments to expect; `None` while those of a new configuration have not been reached.
+    pub(super) fn expected(&self) -> Option<ExpectedIdentities> {
+        let inner = self.inner();
+        (!inner.rig_is_new).then(|| inner.identities.clone())
+    }
+
+    /// Expects these instruments from now on if they are the first ones of a new configuration.
+    pub(super) async fn expect_if_new(&self, found: &ExpectedIdentities) {
+        {
+            let mut inner = self.inner();
+            if !std::mem::take(&mut inner.rig_is_new) {
+                return;
+            }
+            inner.identities = found.clone();
+        }
+        self.keep_identities().await;
+        self.events.publish(&BusEvent::ObjectsChanged);
+    }
+
     /// Unexpected instruments were found at the start: refuses measuring until the operator accepts them, or the
     /// expected ones are back.
     pub(crate) async fn wait_for_the_expected(
@@ -153,8 +172,8 @@ impl Controller {
                 }
                 now => now,
             };
-            // relays are commanded only after the source was reached
-            inner.relays_unknown |= inner.source_state != SourceState::NeverReached;
+            // relays that were found closed at the start still are
+            inner.relays_unknown |= error.leaves_relays_unknown() || inner.closed.is_some();
             inner.closed.is_some()
         };
         match refused {
@@ -181,13 +200,13 @@ impl Controller {
         };
         // the rig is reassembled: its settings are applied only now that the state of the relays is known
         *rig = None;
-        let (simulated_rig, identities) = (self.runtime().simulated_rig.clone(), self.identities());
+        let (simulated_rig, expected) = (self.runtime().simulated_rig.clone(), self.expected());
         let assembled = assemble(
             plan,
             &simulated_rig,
             &self.transcript,
             OnClosedRelays::Open,
-            Some(&identities),
+            expected.as_ref(),
         )
         .await;
         let assembled = match assembled {
@@ -199,6 +218,7 @@ impl Controller {
         };
         *rig = Some(assembled.rig);
         drop(source);
+        self.expect_if_new(&assembled.identities).await;
         let was = {
             let mut inner = self.inner();
             inner.rig_fault = None;

@@ -207,7 +207,7 @@ impl Controller {
         session: Option<ActiveSession<'_>>,
         plan: &RigPlan,
     ) -> Result<Assembled, String> {
-        let (simulated_rig, identities) = (self.runtime().simulated_rig.clone(), self.identities());
+        let (simulated_rig, expected) = (self.runtime().simulated_rig.clone(), self.expected());
         if let Some(recovery) = &mut self.inner().recovery {
             recovery.next = None;
         }
@@ -216,7 +216,7 @@ impl Controller {
             &simulated_rig,
             &self.transcript,
             OnClosedRelays::Open,
-            Some(&identities),
+            expected.as_ref(),
         )
         .await;
         let now = match &outcome {
@@ -235,10 +235,13 @@ impl Controller {
         self.report_safe_again(session, source, false).await;
         match outcome {
             Ok(assembled) => {
-                let mut inner = self.inner();
-                inner.relays_unknown = false;
-                inner.others = None;
-                inner.identities.modules = assembled.identities.modules.clone();
+                {
+                    let mut inner = self.inner();
+                    inner.relays_unknown = false;
+                    inner.others = None;
+                    inner.identities.modules = assembled.identities.modules.clone();
+                }
+                self.expect_if_new(&assembled.identities).await;
                 Ok(assembled)
             }
             Err(AssemblyError::Others { text, found, .. }) => {

@@ -143,15 +143,15 @@ impl Controller {
                 Ok(ExpectedIdentities::default())
             }
             FramesFrom::Rig(plan) => {
-                let identities = self.identities();
-                let identities =
-                    (same_rig && !identities.instruments.is_empty()).then_some(&identities);
+                self.inner().rig_is_new |= !same_rig;
+                let expected = self.expected();
+                let expected = expected.filter(|expected| !expected.instruments.is_empty());
                 let assembled = assemble(
                     &plan,
                     &runtime.simulated_rig,
                     &self.transcript,
                     OnClosedRelays::Open,
-                    identities,
+                    expected.as_ref(),
                 )
                 .await;
                 let (rig, outcome) = match assembled {
@@ -182,6 +182,8 @@ impl Controller {
                 {
                     let mut inner = self.inner();
                     inner.identities = identities;
+                    inner.rig_is_new = false;
+                    inner.others = None;
                     inner.rig_fault = None;
                     inner.recovery = None;
                     inner.closed = None;
