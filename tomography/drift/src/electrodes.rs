@@ -12,10 +12,9 @@ use survey::Reading;
 
 use crate::DriftError;
 use crate::model::DriftModel;
+use crate::pairs::NEARLY_ZERO;
 use crate::whitened::{Whitened, factor};
 
-/// A pair is shorted if its readings are below this share of the baseline.
-const SHORTED: f64 = 0.05;
 /// Standard deviation of the local change allowed for.
 const LOAD: f64 = 0.3;
 /// Prior standard deviation of ln contact impedance, and the estimate above which a contact counts as risen.
@@ -310,7 +309,7 @@ impl ElectrodeCheck {
             let (mut count, mut below) = (0, 0);
             for share in shares {
                 count += 1;
-                below += usize::from(share < SHORTED);
+                below += usize::from(share < NEARLY_ZERO);
             }
             below > count / 2
         };

@@ -12,6 +12,9 @@ use crate::DriftError;
 /// not used.
 const RATIO: [f64; 2] = [0.5, 2.0];
 
+/// Share of its baseline below which a reading is nearly 0 V.
+pub(crate) const NEARLY_ZERO: f64 = 0.05;
+
 /// The reciprocal pairs of a protocol, in the order of their first reading. A reading without twin forms a pair by itself.
 #[derive(Debug, Clone)]
 pub struct Pairs {

@@ -217,7 +217,7 @@ impl Whitened {
 }
 
 /// The share of conductance that a disc loses if the field changes like this linear change.
-fn loss_of(change: f64) -> f64 {
+pub(crate) fn loss_of(change: f64) -> f64 {
     -2.0 * change / (2.0 + change.abs())
 }
 

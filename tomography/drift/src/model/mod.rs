@@ -12,13 +12,13 @@ use eit::linear_algebra::{product, view};
 use eit::{Forward, Mesh, Parameters, bounding_box};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use survey::{Dipole, Electrode, Reading};
+use survey::{Dipole, Electrode, Reading, Volts};
 
 use crate::DriftError;
 use crate::model::cells::{Cells, PITCH_M};
 use crate::model::covariances::{SECOND_ORDER_SD, matern, noise_covariance, second_order};
 use crate::overlap::{overlap, unstretched};
-use crate::pairs::{Pairs, Relative, baseline_volts};
+use crate::pairs::{NEARLY_ZERO, Pairs, Relative, baseline_volts};
 use crate::sheet::{FitOptions, SheetFit};
 use crate::sizes::Sizes;
 
@@ -30,6 +30,9 @@ const PLACES_M: f64 = 10e-3;
 const DIAMETERS_M: [f64; 2] = [20e-3, 50e-3];
 /// Factor of the contact impedance of an electrode that has lost its contact.
 const LOST: f64 = 1e6;
+/// Standard deviations by which a reading of the baseline must differ from 0 V, so that noise does not make a reading
+/// nearly 0 V.
+const ABOVE_NOISE: f64 = 8.0;
 /// Smallest distance of the load test's places from the sheet's edge, m.
 const EDGE_M: f64 = 12e-3;
 
@@ -212,7 +215,27 @@ impl DriftModel {
     /// # Errors
     /// Another number of readings, or too few with a value.
     pub fn relative(&self, frame: &[Reading]) -> Result<Relative, DriftError> {
-        self.pairs.relative(&self.ratios, &self.baseline, frame)
+        let frame = self.without_zeros(frame);
+        self.pairs.relative(&self.ratios, &self.baseline, &frame)
+    }
+
+    /// The frame without the readings that are nearly 0 V although those of the first baseline are far above the noise.
+    /// Neither load nor drift does this: the pair is shorted, or no current flowed. Taken as a change of the sheet, such
+    /// readings would be regained conductance.
+    pub fn without_zeros(&self, frame: &[Reading]) -> Vec<Reading> {
+        let noise = self.instruments.reading_v.hypot(self.instruments.emf_v);
+        let is_zero = |(volts, before): (Volts, &f64)| {
+            before.abs() > ABOVE_NOISE * noise && volts.0.abs() < NEARLY_ZERO * before.abs()
+        };
+        let each = frame.iter().enumerate();
+        each.map(|(index, reading)| {
+            let compared = reading.volts().zip(self.baseline.get(index));
+            match compared.is_some_and(is_zero) {
+                true => Reading::NotMeasured,
+                false => *reading,
+            }
+        })
+        .collect()
     }
 
     /// Readings of the first baseline, V.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bits;
 use crate::basis::Basis;
+use crate::disc::loss_of;
 use crate::model::DriftModel;
 use crate::whitened::LOADED;
 
@@ -30,10 +31,18 @@ pub struct AnchorAlarm {
     pub centre: [f64; 2],
     /// Diameter of the disc, m.
     pub diameter: f64,
-    /// Change of ln conductance in the disc.
+    /// Linear change of conductance in the disc, negative for a loss; it is below -1 for a loss of more than 2/3.
     pub change: f64,
     /// Improvement of chi squared.
     pub score: f64,
+}
+
+impl AnchorAlarm {
+    /// Share of the conductance that the disc lost, at most 1; negative for a gain.
+    pub fn loss(&self) -> f64 {
+        // the load test does not limit the linear change to that of a complete loss, -2
+        loss_of(self.change).min(1.0)
+    }
 }
 
 /// The kept baselines, oldest first.

@@ -125,7 +125,7 @@ pub struct TrackedFrame {
     pub baseline: Vec<Reading>,
     /// The first baseline plus the tracked drift alone; constant while a load is on the sheet.
     pub tracked_baseline: Vec<Reading>,
-    /// The frame without the readings of faulty electrodes.
+    /// The frame without the readings of faulty electrodes and those that are nearly 0 V.
     pub readings: Vec<Reading>,
     /// Result for the frame.
     pub tracked: Tracked,
@@ -317,10 +317,10 @@ impl Tracking {
         Ok(Some([disc, place]))
     }
 
-    /// The frame without the readings of these electrodes, counted from 0.
+    /// The frame without the readings of these electrodes, counted from 0, and without readings that are nearly 0 V.
     fn without(&self, frame: &[Reading], masked: &[usize]) -> Vec<Reading> {
         let measurements = self.model().pairs().protocol().measurements();
-        let mut readings = frame.to_vec();
+        let mut readings = self.model().without_zeros(frame);
         for (reading, measurement) in readings.iter_mut().zip(measurements) {
             let used = measurement.electrodes();
             if used.iter().any(|electrode| masked.contains(&electrode.0)) {

@@ -173,9 +173,7 @@ impl Tracked {
             judgement: Judgement::Unknown,
             known: false,
             reason: Some(Doubtful::TooFewReadings),
-            text: Some(
-                "fewer than half of the pairs of readings were measured; this ends with the next complete frame".to_owned(),
-            ),
+            text: Some(too_few(&state.masked())),
             place: None,
             loads: state.loads(),
             held: state.held(),
@@ -198,16 +196,7 @@ fn doubt(
     age_s: f64,
 ) -> Option<(Doubtful, String)> {
     if answer.judgement == Judgement::Unknown && answer.masked.len() <= MOST_MASKED {
-        let faulty: Vec<String> = numbers(&answer.masked)
-            .iter()
-            .map(usize::to_string)
-            .collect();
-        let text = format!(
-            "fewer than half of the pairs of readings are left: readings are missing, and those of faulty electrodes ({}) are not used; \
-             it ends with the next whole frame",
-            faulty.join(", ")
-        );
-        return Some((Doubtful::TooFewReadings, text));
+        return Some((Doubtful::TooFewReadings, too_few(&answer.masked)));
     }
     if answer.judgement == Judgement::Unknown {
         let text = format!(
@@ -251,6 +240,22 @@ fn doubt(
     None
 }
 
+/// The sentence for [`Doubtful::TooFewReadings`]. `masked`: the faulty electrodes, counted from 0.
+fn too_few(masked: &[usize]) -> String {
+    let faulty: Vec<String> = numbers(masked).iter().map(usize::to_string).collect();
+    let unused = match faulty.is_empty() {
+        true => String::new(),
+        false => format!(
+            ", and those of faulty electrodes ({}) are not used",
+            faulty.join(", ")
+        ),
+    };
+    format!(
+        "fewer than half of the pairs of readings are left: readings are missing or nearly 0 V{unused}; this ends with \
+         the next complete frame"
+    )
+}
+
 /// Whether a load overlaps the place of an alarm.
 fn is_at(alarm: &AnchorAlarm, place: &PlaceRegion) -> bool {
     let [x, y] = [0, 1].map(|axis| place.centre_mm[axis] - 1e3 * alarm.centre[axis]);
@@ -263,7 +268,7 @@ fn slow_change(alarm: &AnchorAlarm) -> String {
         "conductance at ({x:.0}, {y:.0}) mm changed slowly by {:.1} % within {:.0} days: a load or ageing, which \
          readings cannot distinguish; inspect the sheet, then run `tactus baseline forget-anchor` (ageing), \
          `loaded-now` (a load) or `empty-now` (the sheet is empty)",
-        100.0 * alarm.change,
+        -100.0 * alarm.loss(),
         alarm.age_days
     )
 }
@@ -332,6 +337,32 @@ fn fault_text(fault: ElectrodeFault) -> String {
         ElectrodeFault::DistantShort { electrodes } => {
             let [a, b] = electrodes.map(Electrode);
             format!("electrodes {a} and {b} are connected")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_change_is_at_most_a_complete_loss() {
+        for (change, percent) in [
+            (-2.0 / 3.0, "-50.0 %"),
+            (-2.0, "-100.0 %"),
+            (-5.0, "-100.0 %"),
+        ] {
+            let text = slow_change(&AnchorAlarm {
+                age_days: 1.0,
+                centre: [0.06, 0.15],
+                diameter: 0.02,
+                change,
+                score: 50.0,
+            });
+            assert!(
+                text.contains(&format!("slowly by {percent} within")),
+                "{change}: {text}"
+            );
         }
     }
 }
