@@ -174,8 +174,8 @@ impl Calibration {
         if !self.loss.windows(2).all(|pair| pair[0] < pair[1]) || self.loss[0] < 0.0 {
             return refuse("the knots of loss must ascend from 0 or more");
         }
-        if self.kpa[0] < 0.0 || !self.kpa.windows(2).all(|pair| pair[0] <= pair[1]) {
-            return refuse("kpa must never fall, from 0 or more");
+        if self.kpa[0] != 0.0 || !self.kpa.windows(2).all(|pair| pair[0] <= pair[1]) {
+            return refuse("kpa must begin with 0, the pressure without a load, and never fall");
         }
         if !(self.frame[2] > 0.0 && self.frame[3] > 0.0) {
             return refuse("the half extents in frame must be positive");

@@ -143,6 +143,12 @@ fn another_method_mesh_or_file_is_refused() {
         ..calibration.clone()
     };
     assert!(falling.check().is_err());
+    let lifted = Calibration {
+        kpa: calibration.kpa.iter().map(|kpa| kpa + 1.0).collect(),
+        ..calibration.clone()
+    };
+    let refused = lifted.check().unwrap_err().to_string();
+    assert!(refused.contains("kpa must begin with 0"), "{refused}");
     let foreign = Calibration {
         kind: "something".to_owned(),
         ..calibration
