@@ -71,8 +71,8 @@ pub(crate) fn count(
     Ok(Some(frames.min(thinning.most())))
 }
 
-/// All readable frames in order, each with whether it is selected, up to the frame that would exceed the selected
-/// count. Damaged frames are named on the error stream and counted in `damaged`.
+/// The readable frames in order, each with whether it is selected, from the first one, as a tracked baseline needs it,
+/// to the last selected one. Damaged frames are named on the error stream and counted in `damaged`.
 ///
 /// # Errors
 /// `--from` or `--to` is a time, and the frames have none; no frame is between them.
@@ -100,7 +100,14 @@ pub(crate) fn frames<'a>(
     let chosen = move |frame: &RecordedFrame| {
         lies(frame, source.from, Ordering::Less) && lies(frame, source.to, Ordering::Greater)
     };
-    if has_places(source) && !readable().any(|frame| chosen(&frame)) {
+    let mut within = readable().filter(|frame| chosen(frame));
+    // numbers ascend; times need not, because a clock may be set back, so the last one is searched
+    let last = match source.to {
+        None => within.next().map(|_| u64::MAX),
+        Some(Moment::Frame(number)) => within.next().map(|_| number),
+        Some(_) => within.last().map(|frame| frame.sequence),
+    };
+    if has_places(source) && last.is_none() {
         return Err(Failure::Usage(format!(
             "no frame of {} lies between --from and --to; it has {} frames{}",
             recording.name,
@@ -111,7 +118,7 @@ pub(crate) fn frames<'a>(
             ))
         )));
     }
-    let readable = recording.frames().filter_map(|frame| match frame {
+    let mut readable = recording.frames().filter_map(|frame| match frame {
         Ok(frame) => Some(frame),
         Err(error) => {
             left_out(&error);
@@ -120,17 +127,20 @@ pub(crate) fn frames<'a>(
         }
     });
     let (mut within, mut shown) = (0_usize, 0_usize);
-    Ok(readable
-        .map(move |frame| {
-            let is_within = chosen(&frame);
-            let asked = is_within && within.is_multiple_of(thinning.every());
-            within += usize::from(is_within);
-            (frame, asked)
-        })
-        .map_while(move |(frame, asked)| {
-            shown += usize::from(asked);
-            (shown <= thinning.most()).then_some((frame, asked))
-        }))
+    let mut ended = false;
+    Ok(std::iter::from_fn(move || {
+        // not even read: reading and tracking a long rest takes long
+        if ended {
+            return None;
+        }
+        let frame = readable.next()?;
+        let is_within = chosen(&frame);
+        let asked = is_within && within.is_multiple_of(thinning.every());
+        within += usize::from(is_within);
+        shown += usize::from(asked);
+        ended = shown >= thinning.most() || last.is_some_and(|last| frame.sequence >= last);
+        Some((frame, asked))
+    }))
 }
 
 /// The failure of a command that left out damaged frames.

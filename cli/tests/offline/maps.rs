@@ -4,7 +4,7 @@ use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
 
 use crate::scene::{
     PRESSED, calibration, done, lines, refused, session, session_in_parts, session_of,
-    session_released, session_without_readings, tactus,
+    session_released, session_with_damaged_end, session_without_readings, tactus,
 };
 
 #[test]
@@ -473,6 +473,20 @@ fn replay_takes_the_frames_between_two_places() {
     );
     let message = refused(folder.path(), &["replay", "last", "--from", "noon"], 2);
     assert!(message.contains("time since the first frame"), "{message}");
+}
+
+#[test]
+fn frames_after_the_last_selected_one_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    session_with_damaged_end(folder.path());
+    let replay = ["replay", "last", "--preset", "disc-tank", "--json"];
+    let replay = [&replay[..], &["--method", "one-step", "--noise-v", "2e-6"]].concat();
+    let message = refused(folder.path(), &replay, 1);
+    assert!(message.contains("1 damaged frames"), "{message}");
+    for end in [["--to", "2"], ["--to", "1s"], ["--count", "2"]] {
+        let printed = done(folder.path(), &[&replay[..], &end].concat());
+        assert_eq!(lines(&printed).len(), 2, "{end:?}");
+    }
 }
 
 #[test]
