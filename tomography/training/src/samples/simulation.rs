@@ -85,9 +85,17 @@ impl Simulation {
         self.top
     }
 
-    /// Relative changes of the region's triangles in a case, without solving it.
+    /// The target of a case ([`Sample::target`]), without solving it.
     pub fn target(&self, case: usize) -> Sparse {
-        self.region.case(&self.settings, case)
+        self.scaled(self.region.case(&self.settings, case))
+    }
+
+    /// Relative changes of triangles in the unit of the targets.
+    fn scaled(&self, mut changes: Sparse) -> Sparse {
+        for (unknown, change) in &mut changes {
+            *change *= self.units[*unknown as usize] as f32;
+        }
+        changes
     }
 
     /// Solves one case.
@@ -95,13 +103,13 @@ impl Simulation {
     /// # Errors
     /// A case that the forward model refuses.
     pub fn solve(&self, case: usize) -> Result<Sample, TrainError> {
-        let mut target = self.target(case);
+        let changes = self.region.case(&self.settings, case);
         let mesh = self.forward.mesh();
         let mut sigma = self.sigma0.clone();
-        for &(unknown, change) in &target {
+        for &(unknown, change) in &changes {
             sigma[mesh.region()[unknown as usize]] *= 1.0 + f64::from(change);
         }
-        let input: Vec<f32> = if target.is_empty() {
+        let input: Vec<f32> = if changes.is_empty() {
             vec![0.0; self.baseline.len()]
         } else {
             self.forward
@@ -111,9 +119,7 @@ impl Simulation {
                 .map(|(volts, zero)| ((volts - zero) / self.top) as f32)
                 .collect()
         };
-        for (unknown, change) in &mut target {
-            *change *= self.units[*unknown as usize] as f32;
-        }
+        let target = self.scaled(changes);
         Ok(Sample { input, target })
     }
 }
@@ -306,5 +312,30 @@ mod tests {
         assert_eq!(of(|open| open.loss = LossChoice::Case).2, 1);
         // polygons with centres outside of the region cover less of it
         assert!(of(|open| open.centres = CentresChoice::Sheet).0 < usual.0);
+    }
+
+    #[test]
+    fn target_of_an_unsolved_case_is_that_of_its_sample() {
+        let mesh = Arc::new(DiscTank::default().mesh().unwrap());
+        let triangles = mesh.triangles().len();
+        let sigma0: Vec<f64> = (0..triangles)
+            .map(|t| 1e-3 * (1.0 + t as f64 / triangles as f64))
+            .collect();
+        let settings = TrainingSettings {
+            open: OpenChoices {
+                change: ChangeChoice::Absolute,
+                ..OpenChoices::default()
+            },
+            ..TrainingSettings::default()
+        };
+        let protocol = Protocol::sheffield(mesh.electrodes()).unwrap();
+        let contacts = vec![1e-3; mesh.electrodes()];
+        let simulation = Simulation::new(&mesh, &contacts, &sigma0, &protocol, &settings).unwrap();
+        let loaded = (0..100).find(|&case| !simulation.target(case).is_empty());
+        let case = loaded.unwrap();
+        assert_eq!(
+            simulation.target(case),
+            simulation.solve(case).unwrap().target
+        );
     }
 }
