@@ -358,8 +358,8 @@ pub(crate) fn merit<'py>(
     Ok(figures)
 }
 
-/// Compares a map with the truth: a dict of correlation (Pearson's, weighted by area), relative_error (NaN for a truth
-/// without a load) and dice.
+/// Compares a map with the truth: a dict of correlation (Pearson's, weighted by area), relative_error and dice; all are
+/// NaN for a truth without a load.
 ///
 /// values, truth, areas: floats of shape (n,), one a triangle or pixel.
 ///

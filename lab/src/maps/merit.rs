@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use eit::digits;
-use eit::metrics::{Image, likeness};
+use eit::metrics::{Image, Likeness, likeness};
 
 use crate::args::MeritOptions;
 use crate::output::print_line;
@@ -73,12 +73,14 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
             }
         };
         let position = target.map(|_| merit.position_error);
-        let correlation = beside.map(|(like, _)| like.correlation);
-        let relative = beside
-            .map(|(like, _)| like.relative_error)
-            .filter(|error| !error.is_nan());
+        let figure = |of: fn(&Likeness) -> f64| {
+            let like = beside.as_ref().map(|(like, _)| like);
+            like.map(of).filter(|figure| !figure.is_nan())
+        };
+        let correlation = figure(|like| like.correlation);
+        let relative = figure(|like| like.relative_error);
+        let dice = figure(|like| like.dice);
         let ssim = beside.and_then(|(_, ssim)| ssim);
-        let dice = beside.map(|(like, _)| like.dice);
         if options.json {
             let line = serde_json::json!({
                 "image": name,

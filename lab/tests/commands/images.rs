@@ -40,7 +40,7 @@ fn images_get_their_figures_with_all_digits() {
 }
 
 #[test]
-fn relative_error_without_a_true_load_is_left_blank() {
+fn likeness_without_a_true_load_is_left_blank() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let [images, truth] = ["images", "truth"].map(at);
@@ -58,7 +58,9 @@ fn relative_error_without_a_true_load_is_left_blank() {
     };
     let table = merit("");
     let fields: Vec<&str> = table.lines().nth(1).unwrap().split(',').collect();
-    assert_eq!((fields[7], fields[8]), ("0", ""), "{table}");
+    assert_eq!((fields[7], fields[8], fields[10]), ("", "", ""), "{table}");
     let figures: serde_json::Value = serde_json::from_str(&merit(" --json")).unwrap();
-    assert!(figures["relative_error"].is_null(), "{figures}");
+    for name in ["correlation", "relative_error", "dice"] {
+        assert!(figures[name].is_null(), "{name}: {figures}");
+    }
 }

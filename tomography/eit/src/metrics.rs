@@ -232,12 +232,13 @@ impl Image {
     }
 }
 
-/// Comparison of a map with the true change; both are losses, or both gains.
+/// Comparison of a map with the true change; both are losses, or both gains. All figures are NaN (undefined) for a truth
+/// without a load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Likeness {
     /// Pearson's correlation, weighted by area; 0 if either is constant.
     pub correlation: f64,
-    /// |map - truth| / |truth|, Euclidean norms weighted by area; NaN (undefined) for a truth without a load.
+    /// |map - truth| / |truth|, Euclidean norms weighted by area.
     pub relative_error: f64,
     /// Dice coefficient of the areas in which map and truth are at or above half of their own largest absolute value:
     /// twice the overlap over the sum of both areas.
@@ -271,14 +272,12 @@ pub fn likeness(map: &[f64], truth: &[f64], areas: &[f64]) -> Likeness {
         both += if a && b { area } else { 0.0 };
         sum += f64::from(u8::from(a) + u8::from(b)) * area;
     }
-    let ratio = |up: f64, down: f64| if down > 0.0 { up / down } else { 0.0 };
+    // without a load there is nothing to be like: 0 would look like a perfect or a useless map
+    let known = |value: f64| if size > 0.0 { value } else { f64::NAN };
+    let ratio = |up: f64, down: f64| known(if down > 0.0 { up / down } else { 0.0 });
     Likeness {
         correlation: ratio(cross, (own * other).sqrt()),
-        // a truth that is zero everywhere has no relative error; 0 would look like a perfect map
-        relative_error: match size > 0.0 {
-            true => error.sqrt() / size.sqrt(),
-            false => f64::NAN,
-        },
+        relative_error: known(error.sqrt() / size.sqrt()),
         dice: ratio(2.0 * both, sum),
     }
 }
@@ -362,10 +361,11 @@ mod tests {
     }
 
     #[test]
-    fn relative_error_without_a_true_load_is_not_known() {
+    fn likeness_without_a_true_load_is_not_known() {
         for map in [[-0.5, 0.0, -0.5, 0.0], [0.0; 4]] {
             let like = likeness(&map, &[0.0; 4], &[1.0, 1.0, 2.0, 2.0]);
-            assert!(like.relative_error.is_nan(), "{like:?}");
+            let figures = [like.correlation, like.relative_error, like.dice];
+            assert!(figures.iter().all(|figure| figure.is_nan()), "{like:?}");
         }
     }
 }

@@ -15,13 +15,13 @@ use eit::metrics::median;
 pub struct OfFrame {
     /// Distance from the true to the found position, if the load is one disc and the method finds one.
     pub error_mm: Option<f64>,
-    /// Correlation of the map with the truth, weighted by area.
+    /// Correlation of the map with the truth, weighted by area; NaN for a truth without a load.
     #[serde(with = "any_f64")]
     pub correlation: f64,
     /// Norm of the difference from the truth over the norm of the truth; NaN for a truth without a load.
     #[serde(with = "any_f64")]
     pub relative_error: f64,
-    /// Dice coefficient of the parts at or above half of the largest loss.
+    /// Dice coefficient of the parts at or above half of the largest loss; NaN for a truth without a load.
     #[serde(with = "any_f64")]
     pub dice: f64,
     /// Structural similarity of the rasters.
@@ -34,7 +34,8 @@ pub struct OfFrame {
     pub peak: f64,
 }
 
-/// Means over the frames of one set, for one method.
+/// Means over the frames of one set, for one method. Correlation, relative error and Dice coefficient are means over the
+/// frames with a true load, NaN if there are none.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Figures {
     /// Name and noise of the set.
@@ -52,8 +53,7 @@ pub struct Figures {
     /// Correlation of the map with the truth, weighted by area.
     #[serde(with = "any_f64")]
     pub correlation: f64,
-    /// Norm of the difference from the truth over the norm of the truth, mean over the frames with a true load; NaN if
-    /// there are none.
+    /// Norm of the difference from the truth over the norm of the truth.
     #[serde(with = "any_f64")]
     pub relative_error: f64,
     /// Dice coefficient of the parts at or above half of the largest loss.
@@ -133,7 +133,7 @@ pub fn of_frames(judged: &Judged) -> Result<Vec<OfFrame>, Failure> {
 
 /// Means of the figures over all frames.
 pub fn figures(name: &str, judged: &Judged, frames: &[OfFrame]) -> Figures {
-    let mean = |value: fn(&OfFrame) -> f64| average(frames.iter().map(value));
+    let mean_of_known = |value: fn(&OfFrame) -> f64| average_of_known(frames.iter().map(value));
     let errors = || frames.iter().filter_map(|frame| frame.error_mm);
     let greit = |k: usize| {
         average(
@@ -149,10 +149,10 @@ pub fn figures(name: &str, judged: &Judged, frames: &[OfFrame]) -> Figures {
         frames: frames.len(),
         error_mm: average(errors()),
         worst_mm: errors().reduce(f64::max).unwrap_or(f64::NAN),
-        correlation: mean(|frame| frame.correlation),
-        relative_error: average_of_known(frames.iter().map(|frame| frame.relative_error)),
-        dice: mean(|frame| frame.dice),
-        ssim: mean(|frame| frame.ssim),
+        correlation: mean_of_known(|frame| frame.correlation),
+        relative_error: mean_of_known(|frame| frame.relative_error),
+        dice: mean_of_known(|frame| frame.dice),
+        ssim: average(frames.iter().map(|frame| frame.ssim)),
         greit: [0, 1, 2, 3, 4].map(greit),
         ms: median(&mut times),
     }

@@ -300,9 +300,15 @@ impl NonlinearTv {
     /// The mean correlation of a map with other possible maps, if it is below `least`.
     fn doubtful(&self, map: &[f64], possible: &[Vec<f64>], least: f64) -> Option<f64> {
         let areas = self.mesh().region_areas();
-        let all = possible
-            .iter()
-            .map(|other| likeness(map, other, &areas).correlation);
+        let all = possible.iter().map(|other| {
+            let correlation = likeness(map, other, &areas).correlation;
+            // an empty map agrees with no other one
+            if correlation.is_nan() {
+                0.0
+            } else {
+                correlation
+            }
+        });
         let mean = all.sum::<f64>() / possible.len().max(1) as f64;
         Some(mean).filter(|mean| *mean < least)
     }
