@@ -156,10 +156,13 @@ fn geometry(config: &Config, count: f64) -> String {
 }
 
 fn show(point: &Point, lines: &str) {
-    let also = |name: &str| point.also.get(name).copied().unwrap_or(f64::NAN);
+    let result = |name: &str, decimals: usize, unit: &str| match point.also.get(name) {
+        Some(value) => format!("{value:.decimals$} {unit}"),
+        None => "not known".to_owned(),
+    };
     print_line!(
         "{}, {}\n  a frame          {:.2} s ({:.0} an hour)\n  location error   {:.2} mm +- {:.2} (a 10 mm press that takes \
-         half the conductance; bound {:.3} mm)\n  noise            {:.2} uV rms a reading\nIn config.toml, in place of the same \
+         half the conductance; bound {})\n  noise            {}\nIn config.toml, in place of the same \
          keys:\n\n{lines}\nThis is simulated: noise of the voltmeter's table, no drift.",
         point.line,
         point.setting,
@@ -167,7 +170,7 @@ fn show(point: &Point, lines: &str) {
         3600.0 / point.time,
         point.error,
         point.spread,
-        also("bound, mm"),
-        also("noise, uV rms"),
+        result("bound, mm", 3, "mm"),
+        result("noise, uV rms", 2, "uV rms a reading"),
     );
 }

@@ -76,6 +76,22 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     let advice: serde_json::Value = serde_json::from_slice(&requested.stdout).unwrap();
     assert!(advice["error"].as_f64().unwrap() <= 3.0 && advice["time"].as_f64().unwrap() <= 20.0);
     assert_eq!(advice["also"]["electrodes"], 26.0);
+    // a table without bound and noise
+    let mut bare: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(&table).unwrap()).unwrap();
+    for point in bare["points"].as_array_mut().unwrap() {
+        let also = point["also"].as_object_mut().unwrap();
+        also.retain(|name, _| !(name.starts_with("bound") || name.starts_with("noise")));
+    }
+    let other = out.join("bare.json");
+    std::fs::write(&other, bare.to_string()).unwrap();
+    let advice = lab(&words(
+        "advise --error-mm 3 --max-seconds 20 --electrodes 26 --table {}",
+        &[&other],
+    ));
+    let text = String::from_utf8_lossy(&advice.stdout);
+    assert_eq!(text.matches("not known").count(), 2, "{text}");
+    assert!(!text.contains("NaN"), "{text}");
     let too_much = lab(&words(
         "advise --error-mm 1e-6 --max-seconds 0.001 --table {}",
         &[&table],
