@@ -7,6 +7,7 @@ use survey::Amps;
 use training::dataset::{MadeShard, make_shard, merge, missing};
 
 use super::recorded;
+use super::settings_file::SettingsFile;
 use crate::args::DatasetOptions;
 use crate::geometry;
 use crate::output::print_line;
@@ -69,20 +70,19 @@ fn settings(options: &DatasetOptions) -> Result<TrainingSettings, Failure> {
     let mut settings: TrainingSettings = match &options.settings {
         None => TrainingSettings::default(),
         Some(path) => {
-            let text = std::fs::read_to_string(path)
+            let file = SettingsFile::read(path)
                 .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
-            let wrong = |why: &str| Failure::configuration(format!("{}: {why}", path.display()));
-            let refused = |fault: toml::de::Error| wrong(fault.message());
-            let given: toml::Table = toml::from_str(&text).map_err(refused)?;
+            let given: toml::Table = file.parsed().map_err(Failure::configuration)?;
             if let Some(key) = given
                 .keys()
                 .find(|key| WITHOUT_EFFECT.contains(&key.as_str()))
             {
-                return Err(wrong(&format!(
+                let why = format!(
                     "{key} has no effect on a set: omit it here, and give it when a model is trained (tactus-lab train)"
-                )));
+                );
+                return Err(Failure::configuration(file.about(&[key], &why)));
             }
-            toml::from_str(&text).map_err(refused)?
+            file.parsed().map_err(Failure::configuration)?
         }
     };
     if let Some(seed) = options.seed {

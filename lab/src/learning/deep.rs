@@ -16,6 +16,7 @@ use training::symmetry::Symmetric;
 use super::data::Data;
 use super::limits;
 use super::model_file;
+use super::settings_file::SettingsFile;
 use crate::args::{DataOptions, DeepOptions, Profile};
 use crate::output::print_line;
 
@@ -23,8 +24,8 @@ use crate::output::print_line;
 const LAYOUT: u32 = 2;
 
 /// The settings of a deep training: `[data]` and `[deep]` of a settings file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 struct Settings {
     data: TrainingSettings,
     deep: DeepSettings,
@@ -124,17 +125,16 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         // 3e-5 of the largest reading, about 10 uV at 1 mA, so that small loads are not hidden
         settings.deep.normalisation_epsilon = 1e-9;
     }
-    let changed = |settings: &Settings, given: toml::Table| {
-        let why = without_effect(&options.data, &given);
-        let settings = changed(settings, given)?;
-        why.map_or(Ok(settings), Err)
-    };
     if let Some(path) = &options.settings {
-        let refused =
-            |why: String| Failure::usage(format!("settings file {}: {why}", path.display()));
-        let text = std::fs::read_to_string(path).map_err(|cause| refused(cause.to_string()))?;
-        let given: toml::Table =
-            toml::from_str(&text).map_err(|fault| refused(fault.to_string()))?;
+        let refused = |why: String| Failure::usage(format!("settings file {why}"));
+        let file = SettingsFile::read(path)
+            .map_err(|cause| refused(format!("{}: {cause}", path.display())))?;
+        let given: toml::Table = file.parsed().map_err(refused)?;
+        // parsed again as settings, because errors of the table below have no line
+        file.parsed::<Settings>().map_err(refused)?;
+        if let Some((key, why)) = without_effect(&options.data, &given) {
+            return Err(refused(file.about(&["data", key], &why)));
+        }
         settings = changed(&settings, given).map_err(refused)?;
     }
     for (given, slot) in [
@@ -158,6 +158,9 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         let line = format!("[{table}]\n{key} = {value}");
         let given: toml::Table =
             toml::from_str(&line).map_err(|fault| refused(fault.message().to_owned()))?;
+        if let Some((_, why)) = without_effect(&options.data, &given) {
+            return Err(refused(why));
+        }
         settings = changed(&settings, given).map_err(refused)?;
     }
     if let Some((setting, must)) = settings.deep.fault() {
@@ -174,8 +177,8 @@ const OF_TRAINING: [&str; 3] = ["jitter", "repeats", "seed"];
 /// Settings of `[data]` that only RBF networks have.
 const OF_RBF: [&str; 2] = ["neurons", "spread_times"];
 
-/// The reason why a setting in `given` has no effect; `None` if all have one.
-fn without_effect(options: &DataOptions, given: &toml::Table) -> Option<String> {
+/// A setting of `[data]` in `given` without effect, and the reason; `None` if all have one.
+fn without_effect<'a>(options: &DataOptions, given: &'a toml::Table) -> Option<(&'a str, String)> {
     let noise = [
         ("--gamma", options.gamma.is_some()),
         ("--noise-v", !options.noise_v.is_empty()),
@@ -194,7 +197,8 @@ fn without_effect(options: &DataOptions, given: &toml::Table) -> Option<String> 
         )),
         _ => None,
     };
-    given.get("data")?.as_table()?.keys().find_map(why)
+    let mut keys = given.get("data")?.as_table()?.keys();
+    keys.find_map(|key| Some((key.as_str(), why(key)?)))
 }
 
 /// The settings, with their entries replaced by those of `given`; unknown keys are refused.

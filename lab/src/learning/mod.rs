@@ -8,6 +8,7 @@ mod linear;
 mod model_file;
 mod rbf;
 mod recorded;
+mod settings_file;
 
 use studies::Failure;
 

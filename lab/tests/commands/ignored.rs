@@ -194,6 +194,46 @@ fn settings_without_effect_on_a_set_are_refused() {
 }
 
 #[test]
+fn errors_of_a_settings_file_name_its_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let [settings, out] = ["settings.toml", "out"].map(|name| folder.path().join(name));
+    let [set, network] = ["dataset", "train dnn --yes --profile matched"]
+        .map(|command| format!("{command} --settings {{}} --case {{}} --out {{}}"));
+    for (line, text, says) in [
+        (
+            &set,
+            "vertices = 4\nrepeats = 3\n",
+            ":2: repeats has no effect",
+        ),
+        (&set, "vertices = 4\n\nedges = 3\n", ":3: unknown field"),
+        (&set, "vertices = \"4\"\n", ":1: invalid type"),
+        (&set, "vertices = 4\nradius_m\n", ":2: "),
+        (&network, "[data]\nneurons = 7\n", ":2: data.neurons is"),
+        (
+            &network,
+            "[data]\nvertices = 4\n[deep]\nlayers = 2\n",
+            ":4: unknown field",
+        ),
+        (
+            &network,
+            "[deep]\n[rbf]\nneurons = 7\n",
+            ":2: unknown field",
+        ),
+        (&network, "[deep]\nwidth = -1\n", ":2: invalid value"),
+    ] {
+        std::fs::write(&settings, text).unwrap();
+        let output = lab(&words(line, &[&settings, &case, &out]));
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{text}");
+        assert!(
+            message.contains(&format!("settings.toml{says}")),
+            "{text}: {message}"
+        );
+    }
+}
+
+#[test]
 fn settings_that_a_deep_network_would_ignore_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank(folder.path());
