@@ -340,6 +340,8 @@ struct MapTables {
     frames: Option<OutFile>,
     elements: Option<OutFile>,
     deviations: Option<OutFile>,
+    /// Companions of earlier maps that these do not have, removed when these are complete.
+    outdated: Option<(PathBuf, Existing)>,
     /// Columns of the maps.
     triangles: usize,
 }
@@ -367,6 +369,7 @@ impl MapTables {
         maps.put(maps_heading(mesh).as_bytes())?;
         // no companion file can be written next to a device or a pipe
         let (mut frames, mut elements, mut deviations) = (None, None, None);
+        let mut outdated = None;
         if !outfile::is_stream(path) {
             let beside = MapCompanions::of(path);
             let mut table = OutFile::create(&beside.frames, existing)?;
@@ -379,6 +382,9 @@ impl MapTables {
                 let mut table = OutFile::create(&beside.deviations, existing)?;
                 table.put(maps_heading(mesh).as_bytes())?;
                 deviations = Some(table);
+            } else {
+                outfile::check(&beside.deviations, existing)?;
+                outdated = Some((beside.deviations, existing));
             }
         }
         Ok(Self {
@@ -386,6 +392,7 @@ impl MapTables {
             frames,
             elements,
             deviations,
+            outdated,
             triangles: mesh.region().len(),
         })
     }
@@ -410,6 +417,9 @@ impl MapTables {
             .flatten()
         {
             table.finish()?;
+        }
+        if let Some((path, existing)) = self.outdated {
+            outfile::remove(&path, existing)?;
         }
         Ok(self.maps.finish()?)
     }

@@ -34,9 +34,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     if let Some(beside) = &beside {
         outfile::check(&beside.frames, options.replacing.existing())?;
         outfile::check(&beside.triangles, options.replacing.existing())?;
-        if options.sd {
-            outfile::check(&beside.deviations, options.replacing.existing())?;
-        }
+        outfile::check(&beside.deviations, options.replacing.existing())?;
     }
     if options.tracked.tracked == Some(true) && options.method.removes_drift() {
         return Err(Failure::usage(
@@ -197,6 +195,9 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         if options.sd {
             let rows = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &deviations);
             write(&beside.deviations, existing, matrix_text(&rows))?;
+        } else {
+            // the deviations of earlier maps are not those of these
+            outfile::remove(&beside.deviations, existing)?;
         }
     }
     if options.timing {

@@ -414,6 +414,8 @@ fn drift_of_a_frame_is_removed_and_deviation_written() {
     let deviations = numbers(&path("maps.sd.csv"));
     assert_eq!(deviations[0].len(), numbers(&maps)[0].len());
     assert!(deviations[0].iter().any(|value| *value > 0.0));
+    largest("");
+    assert!(!path("maps.sd.csv").exists(), "it is that of other maps");
     let both = "reconstruct --case {} --drift frame --tracked --period-s 1 --frames {} --out {}";
     let (code, message) = refused(both, &[&case, &frame, &path("other.csv")]);
     assert_eq!(code, Some(2), "{message}");

@@ -4,7 +4,9 @@ use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
 
 use super::refusals::left;
 use super::{BEFORE_VOLTAGES, Cells, bits, python, read, tables};
-use crate::scene::{done, lines, refused, session, session_in_parts, session_with_alarms};
+use crate::scene::{
+    done, lines, refused, session, session_in_parts, session_with_alarms, session_without_baseline,
+};
 
 #[test]
 fn parquet_has_the_bits_of_the_tables() {
@@ -96,6 +98,35 @@ fn parquet_quantities_are_those_of_the_command() {
         assert_eq!(data[name].bits(), bits(table.numbers(name)), "{name}");
     }
     assert_eq!(data["begin_utc"].numbers()[3], 1.800_000_06e15);
+}
+
+#[test]
+fn parquet_without_quantities_keeps_none_of_an_earlier_export() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    session_without_baseline(folder.path());
+    let row = QuantityRow {
+        begin_s: 1_800_000_000,
+        region: "sheet".into(),
+        quantity: Quantity::Load,
+        of: LoadUnit::Pressure,
+        min: 1.0,
+        mean: 2.0,
+        max: 3.0,
+        frames: 60,
+        known: 60,
+    };
+    store(folder.path(), "m20270115_1", &[row]).unwrap();
+    let export = |session: &str| {
+        let words = ["export", session, "--format", "parquet", "--force"];
+        done(
+            folder.path(),
+            &[&words[..], &["--out", "all.parquet"]].concat(),
+        );
+        folder.path().join("all.quantities.parquet").exists()
+    };
+    assert!(export("m20270115_1"));
+    assert!(!export("bare"));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Exports that replace an earlier one.
 
 use super::refusals::left;
-use crate::scene::{done, session_of, session_without_baseline};
+use crate::scene::{done, session, session_of, session_without_baseline};
 
 #[test]
 fn an_export_over_another_keeps_nothing_of_it() {
@@ -30,4 +30,17 @@ fn an_export_over_another_keeps_nothing_of_it() {
     for name in names {
         assert!(!files.iter().any(|file| file == name), "{name}");
     }
+}
+
+#[test]
+fn replay_without_deviations_keeps_none_of_earlier_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let replay = ["replay", "last", "--no-map", "--preset", "disc-tank"];
+    let replay = [&replay[..], &["--noise-v", "2e-6", "--out", "maps.csv"]].concat();
+    let deviations = folder.path().join("maps.sd.csv");
+    done(folder.path(), &[&replay[..], &["--sd"]].concat());
+    assert!(deviations.exists());
+    done(folder.path(), &[&replay[..], &["--force"]].concat());
+    assert!(!deviations.exists());
 }

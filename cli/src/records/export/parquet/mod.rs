@@ -71,9 +71,11 @@ pub(super) fn write(
     let events = session.events()?;
     let frames = OutFile::create(&export.out, existing)?;
     let event_file = OutFile::create(&beside("events"), existing)?;
+    let quantity_path = beside("quantities");
+    outfile::check(&quantity_path, existing)?;
     let quantity_file = match rows.is_empty() {
         true => None,
-        false => Some(OutFile::create(&beside("quantities"), existing)?),
+        false => Some(OutFile::create(&quantity_path, existing)?),
     };
     let mut columns = named(&FRAME);
     columns.extend((0..header.protocol.len()).map(|reading| (format!("m{reading}_V"), Kind::Real)));
@@ -141,6 +143,9 @@ pub(super) fn write(
             ])?;
         }
         report("quantities", &table.finish()?, printer)?;
+    } else {
+        // the quantities of an earlier export are not those of these frames
+        outfile::remove(&quantity_path, existing)?;
     }
     if lost > 0 {
         eprintln!("tactus: {lost} of the stored minutes of quantities are damaged and left out");
