@@ -38,6 +38,8 @@ pub(crate) struct Page<'a> {
     size: [f64; 2],
     bars: Vec<Bar>,
     single: bool,
+    /// Whether the maps have different units, so that the title of each map names its unit.
+    several_units: bool,
 }
 
 impl Drawn<'_> {
@@ -114,6 +116,7 @@ impl<'a> Page<'a> {
                 range,
             }],
             single: true,
+            several_units: false,
         })
     }
 
@@ -129,8 +132,13 @@ impl<'a> Page<'a> {
             sheet.check(map)?;
         }
         let extent = sheet.extent()?;
-        let common = Range::of(maps.iter().map(|(map, style)| (map, style.scale)))?;
-        let each = grid.scales == Scales::Each;
+        let common = match grid.scales {
+            Scales::Each => None,
+            Scales::Common => Some(Range::of(
+                maps.iter().map(|(map, style)| (map, style.scale)),
+            )?),
+        };
+        let each = common.is_none();
         let beside = if each { OWN_BAR } else { 0.0 };
         let columns = grid.columns.min(maps.len());
         let rows = maps.len().div_ceil(columns);
@@ -167,9 +175,9 @@ impl<'a> Page<'a> {
                 left + RING + column as f64 * size[0],
                 top + heading + RING + row as f64 * size[1],
             ];
-            let range = match each {
-                true => Range::styled(map, style)?,
-                false => common,
+            let range = match common {
+                None => Range::styled(map, style)?,
+                Some(common) => common,
             };
             if each {
                 bars.push(Bar {
@@ -190,9 +198,9 @@ impl<'a> Page<'a> {
         let whole = [size[0] * columns as f64, size[1] * rows as f64];
         let full = whole[1] - heading - gap;
         let high = full.min(620.0);
-        if !each {
+        if let Some(range) = common {
             bars.push(Bar {
-                range: common,
+                range,
                 corner: [left + whole[0] + 8.0, top + heading + (full - high) / 2.0],
                 size: [18.0, high],
                 words: 14.0,
@@ -209,11 +217,15 @@ impl<'a> Page<'a> {
             below.push(format!("{masked} readings left out in all"));
         }
         if each {
-            let (_, unit) = common.unit.shown();
-            below.push(format!(
-                "a colour bar for each map: {}, {unit}",
-                common.unit.caption()
-            ));
+            let mut units: Vec<String> = Vec::new();
+            for (map, _) in maps {
+                let (_, unit) = map.unit.shown();
+                let unit = format!("{}, {unit}", map.unit.caption());
+                if !units.contains(&unit) {
+                    units.push(unit);
+                }
+            }
+            below.push(format!("a colour bar for each map: {}", units.join("; ")));
         }
         let page = Self {
             sheet,
@@ -226,6 +238,7 @@ impl<'a> Page<'a> {
             ],
             bars,
             single: false,
+            several_units: maps.iter().any(|(map, _)| map.unit != first.unit),
         };
         check_size(page.pixels(FINER as f64)[0], page.pixels(FINER as f64)[1])?;
         Ok(page)
@@ -267,13 +280,22 @@ impl<'a> Page<'a> {
     /// Everything that is the same for every map of a sheet on this page: outlines, axes, scales, the legend of the
     /// marks.
     pub(crate) fn fixed<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
-        for Drawn { panel, style, .. } in &self.panels {
+        for Drawn {
+            panel, map, style, ..
+        } in &self.panels
+        {
             panel.furniture(pen, self.sheet)?;
             if !self.single {
                 let middle = panel.corner[0] + panel.size()[0] / 2.0;
                 let at = [middle, panel.corner[1] - RING - panel.words * 0.9];
                 let available = panel.size()[0] + 2.0 * RING;
-                small_title(pen, &style.title, at, panel.words * 1.1, available)?;
+                // the unit comes first, because the end of a long title is cut
+                let unit = match self.several_units {
+                    true => format!("{}: ", map.unit.shown().1),
+                    false => String::new(),
+                };
+                let title = format!("{unit}{}", style.title);
+                small_title(pen, &title, at, panel.words * 1.1, available)?;
             }
         }
         for drawn in &self.bars {

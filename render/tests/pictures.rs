@@ -402,6 +402,30 @@ fn maps_of_a_grid_can_have_a_scale_each() {
 }
 
 #[test]
+fn maps_of_a_grid_with_a_scale_each_may_differ_in_unit() {
+    let (sheet, map) = scene();
+    let pressure = Map {
+        values: map.values.iter().map(|value| -20.0 * value).collect(),
+        unit: MapUnit::Pressure,
+        ..map.clone()
+    };
+    let maps = [(map, style()), (pressure, style())];
+    let each = Grid {
+        scales: Scales::Each,
+        ..grid(2, "loss and pressure")
+    };
+    let drawn = render::svg_grid(&sheet, &maps, &each).unwrap();
+    for text in [
+        "each map: relative loss of conductance, %; pressure, kPa",
+        "%: a press",
+        "kPa: a press",
+    ] {
+        assert!(drawn.contains(text), "{text}");
+    }
+    assert!(render::svg_grid(&sheet, &maps, &grid(2, "one scale")).is_err());
+}
+
+#[test]
 fn a_load_that_is_no_disc_has_its_outline_dashed() {
     let (sheet, map) = scene();
     let lines = |style: &Style| {
