@@ -27,7 +27,7 @@ fn a_set_written_over_another_keeps_no_places_of_it() {
 }
 
 #[test]
-fn presses_that_are_wider_than_the_region_are_refused() {
+fn loads_that_are_wider_than_the_region_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let set = folder.path().join("set");
     let small = "--count 1 --noise-v 0 --measure fineness=0.4 --measure region_half_width_mm=14.0";
@@ -35,7 +35,7 @@ fn presses_that_are_wider_than_the_region_are_refused() {
         let line = format!("judge --set {name} {small} --out {{}}");
         lab(&words(&line, &[&set]))
     };
-    for name in ["presses-30", "test-1"] {
+    for name in ["presses-30", "test-1", "test-2"] {
         let output = judge(name);
         let message = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{message}");

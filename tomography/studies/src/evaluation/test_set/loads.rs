@@ -50,21 +50,38 @@ pub(super) fn draw(set: TestSetName, k: usize, mesh: &Mesh, random: &mut ChaCha8
     }
 }
 
-/// Refuses discs that reach beyond the region of a mesh, because maps would show only a part of them.
+/// Refuses loads that reach beyond the region of a mesh, because maps would show only a part of them. Polygons are cut at
+/// its border when they are drawn.
 ///
 /// # Errors
-/// The first such disc, and the extent of the region.
-pub(super) fn check_discs(set: TestSetName, drawn: &[Pressed], mesh: &Mesh) -> Result<(), Failure> {
+/// The first such load, and the extent of the region.
+pub(super) fn check_extent(
+    set: TestSetName,
+    drawn: &[Pressed],
+    mesh: &Mesh,
+) -> Result<(), Failure> {
+    if set == TestSetName::Polygons {
+        return Ok(());
+    }
     let [low, high] = bounds(mesh);
-    let beyond = |&(centre, diameter): &([f64; 2], f64)| {
-        // a press that fits exactly is not refused because of rounding
-        let reach = 0.5 * diameter * (1.0 - 1e-9);
-        (0..2).any(|axis| centre[axis] - reach < low[axis] || centre[axis] + reach > high[axis])
+    let beyond = |load: &&Load| {
+        let outline = load.outline().into_iter();
+        let [from, to] = bounding_box(outline.map(|at| at.map(|metres| 1e3 * metres)));
+        (0..2).any(|axis| {
+            // the polygon of a disc reaches 3e-5 of its radius beyond the circle, and a disc may fit exactly
+            let allowed = 1e-4 * (to[axis] - from[axis]);
+            from[axis] < low[axis] - allowed || to[axis] > high[axis] + allowed
+        })
     };
-    let mut discs = drawn.iter().filter_map(|pressed| pressed.disc);
-    discs.find(beyond).map_or(Ok(()), |([x, y], diameter)| {
+    let mut loads = drawn.iter().flat_map(|pressed| &pressed.loads);
+    loads.find(beyond).map_or(Ok(()), |load| {
+        let [x, y] = load.centre_mm;
+        let shape = match load.shape {
+            Shape::Disc { diameter_mm } => format!("a press of {diameter_mm} mm"),
+            _ => format!("the shape {}", load.name),
+        };
         Err(Failure::usage(format!(
-            "the set {} has a press of {diameter} mm at ({x:.1}, {y:.1}) mm, which does not fit into the region: the middles of its \
+            "the set {} has {shape} at ({x:.1}, {y:.1}) mm, which does not fit into the region: the middles of its \
              triangles lie from {:.1} to {:.1} mm in x, from {:.1} to {:.1} mm in y; take a larger sheet or region (--measure), or a set of smaller presses",
             set.name(),
             low[0],

@@ -25,7 +25,7 @@ use crate::build;
 use crate::failure::{Failure, write};
 use crate::progress;
 pub use loads::true_map;
-use loads::{Pressed, check_discs, draw};
+use loads::{Pressed, check_extent, draw};
 pub(crate) use loads::{bounds, polygons, press};
 
 /// File with the description of a test set.
@@ -286,7 +286,7 @@ impl Prepared {
         let drawn: Vec<Pressed> = (0..count)
             .map(|k| draw(options.set, k, &case.mesh, &mut random))
             .collect();
-        check_discs(options.set, &drawn, &case.mesh)?;
+        check_extent(options.set, &drawn, &case.mesh)?;
         Ok(Self {
             case,
             phantom,
