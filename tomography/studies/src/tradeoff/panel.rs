@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Effort;
 use crate::artifact_cache::ArtifactCache;
-use crate::evaluation::{mean_and_deviation, median};
+use crate::evaluation::{mean_and_deviation, median, quantile};
 use crate::failure::Failure;
 
 /// Half the diagonal of the paper's sheet, mm: the error assigned to a map without a loss.
@@ -301,16 +301,6 @@ pub(crate) fn timed(
     })
 }
 
-/// The quantile of the values at `share`, 0 to 1. Sorts `values`.
-pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let at = (share * values.len() as f64).ceil() as usize;
-    values
-        .get(at.saturating_sub(1))
-        .copied()
-        .unwrap_or(f64::NAN)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -339,13 +329,5 @@ mod tests {
         };
         let front: Vec<bool> = panel.with_front().points.iter().map(|p| p.front).collect();
         assert_eq!(front, [true, false, true, false, true, true]);
-    }
-
-    #[test]
-    fn quantiles_are_values_that_were_seen() {
-        let mut values: Vec<f64> = (1..=200).map(f64::from).collect();
-        assert_eq!(quantile(&mut values, 0.99), 198.0);
-        assert_eq!(quantile(&mut values, 0.5), 100.0);
-        assert_eq!(quantile(&mut [7.0], 0.99), 7.0);
     }
 }

@@ -6,10 +6,10 @@ use std::time::Instant;
 use eit::model;
 
 use crate::artifact_cache::ArtifactCache;
-use crate::evaluation::{average, maps, of_frames};
+use crate::evaluation::{average, maps, of_frames, quantile};
 use crate::failure::Failure;
 use crate::tradeoff::Effort;
-use crate::tradeoff::panel::{Panel, Point, quantile};
+use crate::tradeoff::panel::{Panel, Point};
 use crate::tradeoff::trained::{Trained, judged_sets};
 
 pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel, Failure> {

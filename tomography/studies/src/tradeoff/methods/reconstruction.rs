@@ -8,10 +8,10 @@ use phantom::Scene;
 
 use super::precision;
 use crate::artifact_cache::{ArtifactCache, FOLDER};
-use crate::evaluation::{Judged, average, figures, maps_not_refused, of_frames};
+use crate::evaluation::{Judged, average, figures, maps_not_refused, of_frames, quantile};
 use crate::failure::Failure;
 use crate::tradeoff::Effort;
-use crate::tradeoff::panel::{FARTHEST_MM, Panel, Point, quantile};
+use crate::tradeoff::panel::{FARTHEST_MM, Panel, Point};
 use crate::tradeoff::trained::{Trained, judged_sets};
 
 /// A method's options and name.
