@@ -6,23 +6,48 @@ use std::sync::Arc;
 use crate::program::{done, numbers, words};
 use eit::{Case, Mesh};
 
-/// Correlation of a map with a label image (256 x 256, line 0 at the top) over the pixels inside the tank.
-fn correlation(mesh: &Mesh, radius: f64, map: &[f64], labels: &[f64]) -> f64 {
+/// Lines and columns of a label image.
+const PIXELS: usize = 256;
+
+/// The triangle at the centre of each pixel of a label image (line 0 at the top); none outside the tank.
+fn triangles(mesh: &Mesh, radius: f64) -> Vec<Option<usize>> {
     let corner = |p: [f64; 2], q: [f64; 2], x: f64, y: f64| {
         (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
     };
-    let mut pairs = Vec::new();
-    for (pixel, label) in labels.iter().enumerate() {
-        let x = (((pixel % 256) as f64 + 0.5) / 128.0 - 1.0) * radius;
-        let y = (1.0 - ((pixel / 256) as f64 + 0.5) / 128.0) * radius;
-        let triangle = (0..mesh.triangles().len()).find(|&triangle| {
-            let [a, b, c] = mesh.corners(triangle);
-            corner(a, b, x, y) >= 0.0 && corner(b, c, x, y) >= 0.0 && corner(c, a, x, y) >= 0.0
-        });
-        if let Some(triangle) = triangle {
-            pairs.push((map[triangle], *label));
+    let half = PIXELS as f64 / 2.0;
+    let mut at = vec![None; PIXELS * PIXELS];
+    for triangle in 0..mesh.triangles().len() {
+        let corners @ [a, b, c] = mesh.corners(triangle);
+        let columns =
+            corners.map(|[x, _]| ((x / radius + 1.0) * half - 0.5).floor().max(0.0) as usize);
+        let lines =
+            corners.map(|[_, y]| ((1.0 - y / radius) * half - 0.5).floor().max(0.0) as usize);
+        let reach = |ends: [usize; 3]| {
+            let [first, last] = [ends.iter().min(), ends.iter().max()].map(|end| *end.unwrap());
+            first..(last + 2).min(PIXELS)
+        };
+        for line in reach(lines) {
+            for column in reach(columns) {
+                let x = ((column as f64 + 0.5) / half - 1.0) * radius;
+                let y = (1.0 - (line as f64 + 0.5) / half) * radius;
+                if corner(a, b, x, y) >= 0.0
+                    && corner(b, c, x, y) >= 0.0
+                    && corner(c, a, x, y) >= 0.0
+                {
+                    at[line * PIXELS + column].get_or_insert(triangle);
+                }
+            }
         }
     }
+    at
+}
+
+/// Correlation of a map with a label image over the pixels inside the tank.
+fn correlation(triangles: &[Option<usize>], map: &[f64], labels: &[f64]) -> f64 {
+    let inside = triangles.iter().zip(labels);
+    let pairs: Vec<(f64, f64)> = inside
+        .filter_map(|(triangle, label)| Some((map[(*triangle)?], *label)))
+        .collect();
     let n = pairs.len() as f64;
     let mean = pairs.iter().fold((0.0, 0.0), |sum, pair| {
         (sum.0 + pair.0 / n, sum.1 + pair.1 / n)
@@ -107,7 +132,7 @@ fn kuopio_four_targets_with_one_setting() {
             &[(Shown::Logarithm, 0.865), (Shown::Shrunk, 0.87)],
         ),
     ] {
-        let mesh = kuopio_tank(first_deg, &case);
+        let triangles = triangles(&kuopio_tank(first_deg, &case), 0.115);
         let line = format!("reconstruct --force --case {{}} {how} --frames {{}} --out {{}}");
         let message = done(&words(
             &line,
@@ -120,7 +145,7 @@ fn kuopio_four_targets_with_one_setting() {
             let correlations: Vec<f64> = (1..=4)
                 .map(|target| {
                     let truth = labels(&data.join(format!("truth_train{target}.txt")));
-                    correlation(&mesh, 0.115, &shown.of(&maps[target]), &truth)
+                    correlation(&triangles, &shown.of(&maps[target]), &truth)
                 })
                 .collect();
             let mean = correlations.iter().sum::<f64>() / 4.0;
