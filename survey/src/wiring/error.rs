@@ -20,7 +20,7 @@ pub enum WiringError {
         /// Its measuring pair.
         measure: Dipole,
     },
-    /// Two different pairs use exactly the same relays.
+    /// Two different pairs use exactly the same relays, in whatever order.
     #[error(
         "wiring '{wiring}': pairs {first} and {second} are both given relays {relays}; closing one would close the other and short the source"
     )]
@@ -33,6 +33,16 @@ pub enum WiringError {
         second: Dipole,
         /// The relays, joined by commas.
         relays: String,
+    },
+    /// A pair has the same relay twice.
+    #[error("wiring '{wiring}': pair {pair} is given relay {relay} twice")]
+    Repeated {
+        /// The wiring's name.
+        wiring: String,
+        /// The pair.
+        pair: Dipole,
+        /// The relay.
+        relay: Relay,
     },
     /// A pair joins an electrode to itself.
     #[error("wiring '{wiring}': pair {pair} would short the source")]

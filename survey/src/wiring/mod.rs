@@ -1,6 +1,6 @@
 //! Which relays join which pair of electrodes to the source and to the voltmeter.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
@@ -138,6 +138,14 @@ impl Wiring {
                     pair: *pair,
                 });
             }
+            let mut earlier = BTreeSet::new();
+            if let Some(relay) = relays.iter().find(|relay| !earlier.insert(**relay)) {
+                return Err(WiringError::Repeated {
+                    wiring: wiring(),
+                    pair: *pair,
+                    relay: *relay,
+                });
+            }
         }
         let injecting: BTreeMap<Relay, Dipole> = self
             .inject
@@ -157,9 +165,10 @@ impl Wiring {
             }
         }
         for pairs in [&self.inject, &self.measure] {
-            let mut seen: BTreeMap<&[Relay], Dipole> = BTreeMap::new();
+            // the order does not matter: relays a,b and relays b,a close the same contacts
+            let mut seen: BTreeMap<BTreeSet<Relay>, Dipole> = BTreeMap::new();
             for (pair, relays) in pairs {
-                if let Some(first) = seen.insert(relays, *pair) {
+                if let Some(first) = seen.insert(relays.iter().copied().collect(), *pair) {
                     return Err(WiringError::Shorted {
                         wiring: wiring(),
                         first,
@@ -248,6 +257,34 @@ mod tests {
         let refusal = wiring.check().unwrap_err();
         assert!(refusal.to_string().contains("relay 1003"), "{refusal}");
     }
+
+    #[test]
+    fn pairs_with_the_same_relays_in_another_order_are_refused() {
+        let mut wiring = board(8);
+        let (first, relays) = wiring.measure[2].clone();
+        let second = wiring.measure[5].0;
+        wiring.measure[5].1 = relays.iter().rev().copied().collect();
+        let refusal = wiring.check().unwrap_err().to_string();
+        let named = format!("pairs {first} and {second} are both given relays 404,303");
+        assert!(refusal.contains(&named), "{refusal}");
+    }
+
+    #[test]
+    fn relay_given_twice_to_one_pair_is_refused() {
+        for side in ["source", "voltmeter"] {
+            let mut wiring = board(8);
+            let pairs = match side {
+                "source" => &mut wiring.inject,
+                _ => &mut wiring.measure,
+            };
+            pairs[2].1[1] = pairs[2].1[0];
+            let (pair, relay) = (pairs[2].0, pairs[2].1[0]);
+            let refusal = wiring.check().unwrap_err().to_string();
+            let named = format!("pair {pair} is given relay {relay} twice");
+            assert!(refusal.contains(&named), "{side}: {refusal}");
+        }
+    }
+
     #[test]
     fn relays_that_a_half_frame_leaves_out_are_kept() {
         let sorted = |mut relays: Vec<Relay>| {
