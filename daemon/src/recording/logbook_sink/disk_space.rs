@@ -296,7 +296,7 @@ impl LogbookSink {
         logbook::folder_of(self.writer.path())
     }
 
-    /// Deletes the oldest sessions; reports each. Returns whether something was deleted.
+    /// Deletes the oldest sessions; reports each, also those before a failure. Returns whether something was deleted.
     fn delete_oldest(&mut self) -> Result<bool, LogbookError> {
         let folder = self.folder().to_owned();
         let wanted = self.disk.section.reserve_mb * MEGABYTE;
@@ -307,15 +307,18 @@ impl LogbookSink {
             ring: true,
             ..Retention::default()
         };
-        let pruned = logbook::prune(&folder, &retention, self.clock.wall(), false)?;
-        for removed in &pruned.removed {
+        let now = self.clock.wall();
+        let mut deleted = false;
+        let pruned = logbook::prune_each(&folder, &retention, now, false, |removed| {
+            deleted = true;
             let text = format!(
                 "{} was deleted to free space, {:.1} MB (record.when_full = \"ring\")",
                 removed.path.display(),
                 removed.bytes as f64 / MEGABYTE as f64
             );
             self.note(EventKind::SessionDeleted, &text);
-        }
-        Ok(!pruned.removed.is_empty())
+        });
+        pruned?;
+        Ok(deleted)
     }
 }

@@ -177,9 +177,9 @@ impl Scene {
     }
 
     /// Creates a closed session, which may be deleted to free space; returns its file.
-    fn closed_session(&self) -> PathBuf {
+    fn closed_session(&self, id: &str) -> PathBuf {
         let setup = &self.prepared.setup;
-        let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
+        let header = SessionHeader::new(id, DateTime::UNIX_EPOCH, setup.protocol.clone());
         let old = SessionWriter::create(&setup.record_directory, &header).unwrap();
         let path = old.path().to_owned();
         old.close(DateTime::UNIX_EPOCH, "done").unwrap();
@@ -437,7 +437,7 @@ fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
         ..RecordSection::default()
     });
     tell.send(Do::Map).unwrap();
-    let path = scene.closed_session();
+    let path = scene.closed_session("m0");
     scene.free.store(0, Ordering::SeqCst);
     scene.frame(1);
     let recording = std::thread::spawn(move || recorder.run(queue));
@@ -458,7 +458,7 @@ fn a_ring_that_can_delete_nothing_waits_for_space() {
         ..RecordSection::default()
     });
     tell.send(Do::Map).unwrap();
-    let path = scene.closed_session();
+    let path = scene.closed_session("m0");
     // a folder in place of the log of deletions, which can therefore not be written
     let folder = &scene.prepared.setup.record_directory;
     std::fs::create_dir(folder.join("pruned.jsonl")).unwrap();
@@ -479,4 +479,27 @@ fn a_ring_that_can_delete_nothing_waits_for_space() {
     assert_eq!(maps, [true]);
     assert_eq!(events, ["disk-low", "disk-room"]);
     assert_eq!(scene.reported(), ["disk-low", "disk-full", "disk-room"]);
+}
+
+#[test]
+fn deletions_of_a_ring_before_a_failure_are_recorded() {
+    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
+        when_full: FullName::Ring,
+        ..RecordSection::default()
+    });
+    tell.send(Do::Map).unwrap();
+    let first = scene.closed_session("m00");
+    let second = scene.closed_session("m01");
+    // a folder in place of a file of the second session, which can therefore not be removed
+    std::fs::create_dir(second.with_file_name("m01-failed-1.jsonl")).unwrap();
+    scene.free.store(0, Ordering::SeqCst);
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.status.held(), |held| *held);
+    assert!(!first.exists() && second.exists());
+    scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (_, events) = scene.recorded();
+    assert_eq!(events, ["disk-low", "session-deleted", "disk-room"]);
 }
