@@ -12,6 +12,7 @@ use crate::catalogue::{
 };
 use crate::retrieval::{self, RetrievalError};
 use crate::settings::{Settings, SettingsError};
+use crate::store::unique;
 
 /// Why the archive cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -172,7 +173,7 @@ async fn beside(catalogue: &Catalogue, name: &SessionName, folder: &Path) -> Res
         return Ok(());
     }
     // written under another name first, so that a file of the final name is always complete
-    let unfinished = format!("{}_unfinished_{}", name.session, std::process::id());
+    let unfinished = format!("{}_unfinished_{}", name.session, unique());
     let from = logbook::quantities_file(folder, &unfinished);
     let cache = |source| ReadError::Cache {
         path: folder.to_owned(),

@@ -23,27 +23,19 @@ const LOCK: i64 = 0x7461_6374_7573;
 /// The version of the tables that this program uses.
 pub(super) const VERSION: i32 = MIGRATIONS.len() as i32;
 
-/// Version of the tables; 0 if there are none.
+/// Version of the tables; 0 if there are none. The time of each reply is limited.
 pub(super) async fn version(
     client: &impl GenericClient,
     endpoint: &Endpoint,
 ) -> Result<i32, CatalogueError> {
-    let refused = |error| endpoint.refused(error);
     let exists = "SELECT to_regclass('tactus.migration') IS NOT NULL";
-    if !client
-        .query_one(exists, &[])
-        .await
-        .map_err(refused)?
-        .get::<_, bool>(0)
-    {
+    let row = endpoint.within(client.query_one(exists, &[])).await?;
+    if !row.get::<_, bool>(0) {
         return Ok(0);
     }
     let version = "SELECT coalesce(max(version), 0) FROM tactus.migration";
-    Ok(client
-        .query_one(version, &[])
-        .await
-        .map_err(refused)?
-        .get(0))
+    let row = endpoint.within(client.query_one(version, &[])).await?;
+    Ok(row.get(0))
 }
 
 /// Result of a migration.

@@ -211,3 +211,37 @@ impl Catalogue {
         self.endpoint.within(answer).await
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
+    use tokio_postgres::{Config, NoTls};
+
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn version_of_a_silent_server_is_not_awaited_for_ever() {
+        let (near, mut far) = duplex(4096);
+        // accepts the login, and then sends nothing
+        let login = async {
+            let mut request = [0; 512];
+            assert!(far.read(&mut request).await.unwrap() > 0);
+            let accepted = b"R\0\0\0\x08\0\0\0\0Z\0\0\0\x05I";
+            far.write_all(accepted).await.unwrap();
+        };
+        let mut config = Config::new();
+        config.user("berlin");
+        let (opened, ()) = tokio::join!(config.connect_raw(near, NoTls), login);
+        let (client, connection) = opened.unwrap();
+        tokio::spawn(async move { drop(connection.await) });
+        let endpoint = Endpoint {
+            place: "silent".to_owned(),
+            role: "berlin".to_owned(),
+            database: "tactus".to_owned(),
+            ca: None,
+        };
+        let error = Catalogue { client, endpoint }.check_version().await;
+        let error = error.unwrap_err();
+        assert!(matches!(error, CatalogueError::Late { .. }), "{error}");
+    }
+}

@@ -13,6 +13,7 @@ use serde::Serialize;
 
 pub use directory::Directory;
 pub use objects::{BucketAccess, Objects};
+pub(crate) use whole_file::unique;
 pub use whole_file::{WholeFileError, write_whole};
 
 /// The name of a part in a store: `SITE/DAQ/SESSION/PART.SHA256.tactus`. The hash is that of the content, so a name

@@ -4,6 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use logbook::sha256_of;
 use rustix::fs::{Advice, fadvise};
@@ -51,11 +52,7 @@ pub enum WholeFileError {
 /// then.
 pub fn write_whole(from: &mut dyn Read, path: &Path, sha256: &str) -> Result<u64, WholeFileError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let copy = path.with_file_name(format!(
-        "{}{}.{UNFINISHED}",
-        beginning(&name),
-        std::process::id()
-    ));
+    let copy = path.with_file_name(format!("{}{}.{UNFINISHED}", beginning(&name), unique()));
     tidy(path);
     let written = write_copy(from, &copy, path, sha256);
     let _ = std::fs::remove_file(&copy);
@@ -139,20 +136,37 @@ pub(super) fn sync_folder_of(path: &Path) -> Result<(), WholeFileError> {
     })
 }
 
+/// Part of the name of a temporary file that no other thread or process uses at the same time.
+pub(crate) fn unique() -> String {
+    static USED: AtomicU64 = AtomicU64::new(0);
+    format!(
+        "{}{}",
+        of_this_process(),
+        USED.fetch_add(1, Ordering::Relaxed)
+    )
+}
+
+/// Beginning of each [`unique`] of this process.
+fn of_this_process() -> String {
+    format!("{}-", std::process::id())
+}
+
 /// Removes the leftovers of interrupted copies of this file. A copy that another process is making at the same time
-/// fails and is repeated later.
+/// fails and is repeated later. Copies of this process are kept: another thread may be making one.
 pub(super) fn tidy(path: &Path) {
     let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else {
         return;
     };
-    let begin = beginning(&name.to_string_lossy());
+    let (begin, own) = (beginning(&name.to_string_lossy()), of_this_process());
     let Ok(entries) = std::fs::read_dir(folder) else {
         return;
     };
     for entry in entries.flatten() {
         let file = entry.file_name();
         let file = file.to_string_lossy();
-        if file.starts_with(&begin) && file.ends_with(UNFINISHED) {
+        let made_by = file.strip_prefix(&begin);
+        let is_foreign = made_by.is_some_and(|made_by| !made_by.starts_with(&own));
+        if is_foreign && file.ends_with(UNFINISHED) {
             // a file that cannot be removed only takes space
             let _ = std::fs::remove_file(entry.path());
         }
@@ -180,5 +194,45 @@ impl Read for Tee<'_> {
             Error::other("the copy could not be written")
         })?;
         Ok(read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Content during whose reading the same file is written once more, as by another thread.
+    struct WrittenMeanwhile<'a> {
+        content: &'a [u8],
+        path: &'a Path,
+        sha256: &'a str,
+        other: Option<Result<u64, WholeFileError>>,
+    }
+
+    impl Read for WrittenMeanwhile<'_> {
+        fn read(&mut self, block: &mut [u8]) -> std::io::Result<usize> {
+            if self.other.is_none() {
+                self.other = Some(write_whole(&mut &*self.content, self.path, self.sha256));
+            }
+            self.content.read(block)
+        }
+    }
+
+    #[test]
+    fn copies_of_one_file_at_the_same_time_do_not_collide() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m1.tactus");
+        let (sha256, _) = sha256_of(&b"content"[..]).unwrap();
+        let mut content = WrittenMeanwhile {
+            content: b"content",
+            path: &path,
+            sha256: &sha256,
+            other: None,
+        };
+        let first = write_whole(&mut content, &path, &sha256);
+        assert!(matches!(content.other, Some(Ok(7))), "{:?}", content.other);
+        assert!(matches!(first, Err(WholeFileError::Exists(_))), "{first:?}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"content");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

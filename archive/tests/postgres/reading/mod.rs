@@ -133,6 +133,34 @@ fn fetched_session_equals_the_record_and_grows_with_it() {
 }
 
 #[test]
+fn threads_that_fetch_one_session_do_not_disturb_each_other() {
+    let Some((server, site)) = archive("berlin") else {
+        return;
+    };
+    site.record_session("m1", 4);
+    site.done(&["push"]);
+    let reader = reader(&server, &site);
+    let together = std::sync::Barrier::new(8);
+    let fetch = || {
+        together.wait();
+        fetched(&reader, "m1", &site).map_err(|error| error.to_string())
+    };
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..8).map(|_| scope.spawn(fetch)).collect();
+        for thread in threads {
+            thread.join().unwrap().unwrap();
+        }
+    });
+    let folder = site.folder.path().join("cache/berlin/bed3/m1");
+    let unfinished = std::fs::read_dir(&folder).unwrap().filter(|file| {
+        let name = file.as_ref().unwrap().file_name();
+        name.to_string_lossy().contains("unfinished")
+    });
+    assert_eq!(unfinished.count(), 0);
+    assert!(folder.join("m1_p4.tactus").exists());
+}
+
+#[test]
 fn altered_or_missing_part_is_refused_and_leaves_nothing() {
     let Some((server, site)) = archive("berlin") else {
         return;
