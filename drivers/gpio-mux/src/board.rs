@@ -117,17 +117,15 @@ impl<C: GpioChip> GpioBoard<C> {
             outcome.map_err(|fault| self.broken(fault))?;
             let read = self.levels()?;
             let wrong = (read.0 ^ step.bits) & step.mask;
-            if wrong != 0 {
-                let line = Line::all().find(|line| line.mask() & wrong != 0);
-                let name = line.map_or_else(String::new, |line| line.to_string());
-                // The line that did not follow is reported; enables that stay on are found when the caller makes the
-                // rig safe.
+            if let Some(line) = Line::all().find(|line| line.mask() & wrong != 0) {
+                // The first line that did not follow is reported; enables that stay on are found when the caller makes
+                // the rig safe.
                 self.all_off().ok();
                 return Err(RigError::Mismatch {
                     instrument: self.instrument.clone(),
-                    setting: format!("line {name}"),
-                    set: u8::from(step.bits & wrong != 0).to_string(),
-                    read: u8::from(read.0 & wrong != 0).to_string(),
+                    setting: format!("line {line}"),
+                    set: u8::from(step.bits & line.mask() != 0).to_string(),
+                    read: u8::from(read.is_set(line)).to_string(),
                 });
             }
         }

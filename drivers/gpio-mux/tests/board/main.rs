@@ -121,6 +121,26 @@ async fn gpio_line_that_does_not_follow_turns_all_lines_off() {
 }
 
 #[tokio::test]
+async fn the_levels_named_are_those_of_the_named_line() {
+    let (chip, mut board) = board();
+    // two lines that do not follow, in opposite directions
+    chip.stick(Line::Address(Pole::IPlus, 0), true);
+    chip.stick(Line::Address(Pole::VPlus, 2), false);
+    let fault = board.move_relays(&[close(&[101, 305])]).await.unwrap_err();
+    let RigError::Mismatch {
+        setting, set, read, ..
+    } = &fault
+    else {
+        panic!("{fault}");
+    };
+    assert_eq!(
+        [setting.as_str(), set.as_str(), read.as_str()],
+        ["line I+.S0", "0", "1"],
+        "{fault}"
+    );
+}
+
+#[tokio::test]
 async fn an_enable_that_stays_on_is_named() {
     let (chip, mut board) = board();
     board.move_relays(&[close(&[126])]).await.unwrap();
