@@ -83,10 +83,7 @@ impl<S: Stream> Keithley6221<S> {
         if replies.error.code == 0 {
             return Ok(replies.answers);
         }
-        // the first error is reported, even if reading further errors fails
-        if let Err(cause) = self.conversation.drain_errors().await {
-            tracing::warn!(instrument = self.instrument(), %cause, "while reading further errors");
-        }
+        self.conversation.drain_further_errors().await;
         let refused = join_units(commands);
         Err(self.conversation.refused(refused, replies.error))
     }

@@ -151,6 +151,14 @@ impl<S: Stream> Conversation<S> {
         Err(self.garbled(&self.next_error, "one error after another", expected))
     }
 
+    /// Like [`Conversation::drain_errors`], for a caller that reports an earlier error: a failure must not replace that
+    /// error, and is only logged.
+    pub async fn drain_further_errors(&mut self) {
+        if let Err(cause) = self.drain_errors().await {
+            tracing::warn!(instrument = self.instrument(), %cause, "while reading further errors");
+        }
+    }
+
     /// The error for a command that was followed by this entry of the error queue.
     pub fn refused(&self, command: impl Into<String>, error: ErrorEntry) -> RigError {
         RigError::Refused {
@@ -223,7 +231,12 @@ fn split_error(reply: &str) -> (&str, &str) {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Arc, Mutex};
+
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    use tracing::field::Field;
+    use tracing::span::{Attributes, Id, Record};
+    use tracing::{Event, Metadata};
 
     use super::*;
 
@@ -287,5 +300,44 @@ mod tests {
         .await;
         let error = drained.unwrap_err().to_string();
         assert!(error.contains("an end of the error queue"), "{error}");
+    }
+
+    /// Collects the fields of the events that are logged.
+    #[derive(Clone, Default)]
+    struct Log(Arc<Mutex<String>>);
+
+    impl tracing::Subscriber for Log {
+        fn enabled(&self, _: &Metadata<'_>) -> bool {
+            true
+        }
+        fn new_span(&self, _: &Attributes<'_>) -> Id {
+            Id::from_u64(1)
+        }
+        fn record(&self, _: &Id, _: &Record<'_>) {}
+        fn record_follows_from(&self, _: &Id, _: &Id) {}
+        fn event(&self, event: &Event<'_>) {
+            let mut text = self.0.lock().unwrap();
+            event.record(&mut |field: &Field, value: &dyn fmt::Debug| {
+                text.push_str(&format!("{field}={value:?};"));
+            });
+        }
+        fn enter(&self, _: &Id) {}
+        fn exit(&self, _: &Id) {}
+    }
+
+    #[tokio::test]
+    async fn failure_to_empty_the_error_queue_is_logged() {
+        let log = Log::default();
+        let _guard = tracing::subscriber::set_default(log.clone());
+        with("-1,\"a\"\n-2,\"b\"\n-3,\"c\"", async |conversation| {
+            conversation.drain_further_errors().await;
+        })
+        .await;
+        let text = log.0.lock().unwrap();
+        assert!(
+            text.contains("while reading further errors")
+                && text.contains("an end of the error queue"),
+            "{text}"
+        );
     }
 }

@@ -111,7 +111,7 @@ impl<S: Stream> Unit<S> {
             .send(queries, self.conversation.link().deadline())
             .await?;
         if replies.error.code != 0 {
-            self.conversation.drain_errors().await.ok();
+            self.conversation.drain_further_errors().await;
             return Err(self.conversation.refused(replies.message, replies.error));
         }
         if replies.answers.len() != count {

@@ -113,8 +113,7 @@ impl<S: Stream> Unit<S> {
     /// The error for a rejected message of several commands. Empties the error queue, and names the rejected command if
     /// it can be found.
     async fn refused_message(&mut self, sent: Vec<Command>, replies: Replies) -> RigError {
-        // the first error is reported, even if reading further errors fails
-        let _ = self.conversation.drain_errors().await;
+        self.conversation.drain_further_errors().await;
         self.unchecked = false;
         let culprit = match sent.as_slice() {
             [only] => Some(only.to_string()),

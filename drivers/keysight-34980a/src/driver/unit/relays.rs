@@ -37,7 +37,7 @@ impl<S: Stream> Unit<S> {
         let unchecked = std::mem::take(&mut self.unchecked);
         if replies.error.code != 0 {
             // relays that are still closed are reported rather than the rejected command
-            self.conversation.drain_errors().await.ok();
+            self.conversation.drain_further_errors().await;
             let closed = self.read_closed(relays).await?;
             self.conversation.check_open(relays, &closed)?;
             if unchecked || !requested.is_empty() {
