@@ -17,6 +17,8 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use survey::Relay;
+
 use crate::instruments::relay_wear::Wear;
 use crate::locked::locked;
 
@@ -31,6 +33,8 @@ pub(crate) struct Observed {
     pub disk: Arc<Disk>,
     /// The last reading; `None` before the first.
     relays: Mutex<Option<RelayLife>>,
+    /// The closures of each relay for a frame and the frame period of that reading's projection.
+    projected: Mutex<Option<(Vec<(Relay, f64)>, Duration)>>,
     /// Address of the metrics endpoint.
     metrics: Mutex<Option<SocketAddr>>,
 }
@@ -41,6 +45,7 @@ impl Observed {
             counters: Arc::new(Counters::new(clock)),
             disk: Arc::default(),
             relays: Mutex::new(None),
+            projected: Mutex::new(None),
             metrics: Mutex::new(None),
         }
     }
@@ -51,8 +56,16 @@ impl Observed {
         identities.clone()
     }
 
-    /// Stores newly read relay counters.
-    pub(crate) fn set_relays(&self, wear: &[Wear], period: Duration) {
+    /// Whether the relay counters were last projected with these closures of each relay for a frame and this period.
+    pub(crate) fn is_projected(&self, closures: &[(Relay, f64)], period: Duration) -> bool {
+        let projected = locked(&self.projected);
+        let now = projected.as_ref();
+        now.is_some_and(|(last, of)| last == closures && *of == period)
+    }
+
+    /// Stores newly read relay counters, and what they were projected with.
+    pub(crate) fn set_relays(&self, wear: &[Wear], closures: Vec<(Relay, f64)>, period: Duration) {
+        *locked(&self.projected) = Some((closures, period));
         let frames = crate::monitoring::counters::read(&self.counters.acquired);
         let worst = RelayLife::worst(wear, period, frames);
         *locked(&self.relays) = worst;

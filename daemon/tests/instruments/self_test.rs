@@ -342,6 +342,30 @@ async fn zero_current_frames_count_in_the_life_of_relays() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn relay_life_follows_a_sessions_own_measuring_options() {
+    let stage = Stage::new(&format!("{SMALL}[relay_wear]\nrelay_life_cycles = 1000\n"));
+    let daemon = stage.start().await;
+    let frame = daemon.manager.plan().await.unwrap().duration_s;
+    // each measuring relay is scanned at each of 16 injections, also in the zero-current frames of the second session
+    for (zero_every, used, runs) in [(None, 16, 1.0), (Some(1_u64), 48, 2.0), (None, 64, 1.0)] {
+        let mut options = Options::new().with("frames", 1_u64);
+        if let Some(every) = zero_every {
+            options = options.with("zero_every", every);
+        }
+        let path = daemon.manager.record_baseline(&options).await.unwrap();
+        let session = daemon.session(&path).await;
+        crate::stage::ended(&session).await.unwrap();
+        let left = within(daemon.manager.health()).await.unwrap().relay_left_s;
+        let frames = f64::from(1000 - used) / (16.0 * runs);
+        let expected = frames * runs * frame;
+        assert!(
+            left.is_some_and(|left| (left / expected - 1.0).abs() < 1e-6),
+            "{left:?} s, {expected} s expected after {used} closures"
+        );
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn reading_relay_counters_ends_no_fault() {
     let (rig, _server, config) = on_tcp().await;
     rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1040)");

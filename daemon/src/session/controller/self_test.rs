@@ -47,11 +47,13 @@ impl Controller {
     /// As [`Controller::test_instruments`]; the rig has a multiplexer board, whose chips do not wear.
     pub(crate) async fn relay_wear(self: &Arc<Self>) -> Result<Vec<Wear>, Fault> {
         self.alone(false, |controller| async move {
-            let wear = Arc::clone(&controller).read_wear().await;
+            let plan = controller.plan_of_rig()?;
+            let every = controller.runtime().setup.schedule.every;
+            let wear = controller.read_wear(&plan, every).await;
             if let Err(Fault::InstrumentFault(_)) = wear
                 && let FrameSource::Rig { rig, .. } = &mut *controller.source.lock().await
             {
-                // its links may be out of step: the rig is reassembled
+                // its links may be unsynchronised: the rig is reassembled
                 *rig = None;
             }
             wear
@@ -59,12 +61,19 @@ impl Controller {
         .await
     }
 
-    /// Reads the relays' counters if they have not been read yet. An error does not prevent measuring.
-    pub(super) async fn read_relay_wear(self: &Arc<Self>) {
-        if self.observed.relays().is_some() || self.is_recording() {
+    /// Reads the relays' counters for a session with this plan of its own, or the configured one, and time between
+    /// frames, unless they were last projected with the same closures and period. An error does not prevent measuring.
+    pub(super) async fn read_relay_wear(&self, own: Option<Arc<RigPlan>>, every: Duration) {
+        let Some(plan) = own.or_else(|| self.runtime().plan.clone()) else {
+            return;
+        };
+        if self
+            .observed
+            .is_projected(&plan.closures(), period(&plan, every))
+        {
             return;
         }
-        if let Err(fault) = Arc::clone(self).read_wear().await {
+        if let Err(fault) = self.read_wear(&plan, every).await {
             tracing::debug!("the relays' counters were not read: {fault}");
         }
     }
@@ -169,7 +178,7 @@ impl Controller {
         };
         let made = held.safe_off(&plan.plan.wiring).await;
         made.map_err(|error| {
-            // its links may be out of step: the rig is reassembled
+            // its links may be unsynchronised: the rig is reassembled
             *rig = None;
             error.to_string()
         })
@@ -300,8 +309,7 @@ impl Controller {
         plan.ok_or_else(|| Fault::Unsupported("a recording has no instruments".into()))
     }
 
-    async fn read_wear(self: Arc<Self>) -> Result<Vec<Wear>, Fault> {
-        let plan = self.plan_of_rig()?;
+    async fn read_wear(&self, plan: &RigPlan, every: Duration) -> Result<Vec<Wear>, Fault> {
         let closures = plan.closures();
         let relays: Vec<Relay> = closures.iter().map(|(relay, _)| *relay).collect();
         let counts = {
@@ -321,11 +329,8 @@ impl Controller {
         };
         let counts = counts.map_err(|error| lost(&chain(&error)))?;
         let life = self.runtime().setup.config.relay_wear.relay_life_cycles;
-        let period = plan
-            .mean_duration()
-            .max(self.runtime().setup.schedule.every)
-            .max(Duration::from_micros(1));
-        let each = closures.into_iter().zip(counts);
+        let period = period(plan, every);
+        let each = closures.iter().copied().zip(counts);
         let wear: Vec<Wear> = each
             .map(|((relay, closures), cycles)| {
                 let slot = keysight_34980a::split(relay).map_or(0, |(slot, _)| slot);
@@ -334,9 +339,16 @@ impl Controller {
                 wear(relay, purpose, cycles, module, life, closures, period)
             })
             .collect();
-        self.observed.set_relays(&wear, period);
+        self.observed.set_relays(&wear, closures, period);
         Ok(wear)
     }
+}
+
+/// Mean time between the frames of a plan that are started at least this time apart.
+fn period(plan: &RigPlan, every: Duration) -> Duration {
+    plan.mean_duration()
+        .max(every)
+        .max(Duration::from_micros(1))
 }
 
 fn lost(text: &str) -> Fault {

@@ -80,7 +80,8 @@ impl Controller {
                 .await
                 .map_err(Fault::InstrumentFault)?;
         }
-        self.read_relay_wear().await;
+        self.read_relay_wear(order.plan.clone(), order.schedule.every)
+            .await;
         let started = runtime.clock.wall();
         let (kind, payload) = match order.work {
             Work::Baseline => (SessionKind::Baseline, 'b'),
