@@ -26,6 +26,9 @@ pub(crate) use crate::monitoring::counters::Counters;
 pub(crate) use crate::monitoring::disk::Disk;
 pub(crate) use crate::monitoring::relay_life::RelayLife;
 
+/// What the remaining life of relays is projected with: the closures of each relay for a frame, and the frame period.
+type ProjectedWith = (Vec<(Relay, f64)>, Duration);
+
 /// Monitoring data kept by the controller.
 #[derive(Debug)]
 pub(crate) struct Observed {
@@ -33,8 +36,7 @@ pub(crate) struct Observed {
     pub disk: Arc<Disk>,
     /// The last reading; `None` before the first.
     relays: Mutex<Option<RelayLife>>,
-    /// The closures of each relay for a frame and the frame period of that reading's projection.
-    projected: Mutex<Option<(Vec<(Relay, f64)>, Duration)>>,
+    projected: Mutex<Option<ProjectedWith>>,
     /// Address of the metrics endpoint.
     metrics: Mutex<Option<SocketAddr>>,
 }

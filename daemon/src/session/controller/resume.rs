@@ -372,7 +372,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_is_set_back_does_not_lengthen_a_session() {
-        let at = |hours| DateTime::UNIX_EPOCH + TimeDelta::hours(hours);
+        let at = |hours: u64| DateTime::UNIX_EPOCH + Duration::from_secs(hours * 3600);
         let left = |now| {
             let left = time_left(Duration::from_secs(10 * 3600), at(100), at(104), at(now));
             left.as_secs() / 3600

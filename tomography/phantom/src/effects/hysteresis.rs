@@ -2,7 +2,7 @@
 //!
 //! The model of Prandtl and Ishlinskii for each triangle: y = q x + sum w F_r[x] over eight play operators F_r[x] =
 //! max(x - r, min(x + r, F_r)). x is the log loss, r is evenly spaced up to half of the full scale, all w are equal and
-//! >= 0, and q preserves the full scale on first loading. 5 to 25 % of full scale; 24.2 % observed on a
+//! at least 0, and q preserves the full scale on first loading. 5 to 25 % of full scale; 24.2 % observed on a
 //! conductive-fibre sensor (fact sheet, section 2.4). Leave it out under monotone loading.
 
 use serde::{Deserialize, Serialize};
