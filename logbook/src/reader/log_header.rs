@@ -16,8 +16,8 @@ const MAGIC: u32 = 0x377f_0682;
 /// What a log holds, judged by its header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum LogHeader {
-    /// No log, or one that ends within its header, or whose header was not on the disk when the power failed: nothing
-    /// in it was acknowledged.
+    /// No log, or one without frames that ends within its header, or whose header was not on the disk when the power
+    /// failed. SQLite syncs the header before it writes a frame, so nothing was acknowledged.
     Empty,
     Intact,
     Damaged,
@@ -26,9 +26,14 @@ pub(super) enum LogHeader {
 /// Reads the header of a log.
 pub(super) fn of(log: &Path) -> std::io::Result<LogHeader> {
     let mut header = [0; LENGTH];
-    let read = open_at_once(log).and_then(|mut file| file.read_exact(&mut header));
+    let read = open_at_once(log).and_then(|mut file| {
+        file.read_exact(&mut header)?;
+        Ok(file.metadata()?.len())
+    });
     match read {
-        Ok(()) => Ok(judge(&header)),
+        Ok(length) if length == LENGTH as u64 && header == [0; LENGTH] => Ok(LogHeader::Empty),
+        Ok(_) if is_intact(&header) => Ok(LogHeader::Intact),
+        Ok(_) => Ok(LogHeader::Damaged),
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::UnexpectedEof) => {
             Ok(LogHeader::Empty)
         }
@@ -36,10 +41,7 @@ pub(super) fn of(log: &Path) -> std::io::Result<LogHeader> {
     }
 }
 
-fn judge(header: &[u8; LENGTH]) -> LogHeader {
-    if header.iter().all(|byte| *byte == 0) {
-        return LogHeader::Empty;
-    }
+fn is_intact(header: &[u8; LENGTH]) -> bool {
     let (words, _) = header.as_chunks::<4>();
     let magic = u32::from_be_bytes(words[0]);
     let little_endian = magic == MAGIC;
@@ -53,9 +55,5 @@ fn judge(header: &[u8; LENGTH]) -> LogHeader {
         second = second.wrapping_add(b).wrapping_add(first);
     }
     let stored = [words[6], words[7]].map(u32::from_be_bytes);
-    if magic & !1 == MAGIC && stored == [first, second] {
-        LogHeader::Intact
-    } else {
-        LogHeader::Damaged
-    }
+    magic & !1 == MAGIC && stored == [first, second]
 }
