@@ -10,7 +10,7 @@ use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
 use crate::directory::index;
-use crate::files::lines::append_line;
+use crate::files::lines::{append_line, last_line};
 use crate::files::{EXTENSION, entries, id_of, part_of, path_of};
 use crate::{LogbookError, SessionKind, SessionReader, SessionSummary, StateKind};
 
@@ -121,7 +121,8 @@ pub(crate) fn pruned_parts(dir: &Path) -> BTreeSet<String> {
 /// folder.
 ///
 /// # Errors
-/// The folder cannot be read, or a file cannot be removed; earlier removals stay.
+/// The folder cannot be read, the disk is too full for the list, or a file cannot be removed: the first such error,
+/// after the other sessions are removed.
 pub fn prune(
     dir: impl AsRef<Path>,
     retention: &Retention,
@@ -132,7 +133,7 @@ pub fn prune(
 }
 
 /// As [`prune()`]; `each` is called for each session as soon as it is removed, so that the caller knows the removals
-/// before a failure.
+/// if others fail.
 ///
 /// # Errors
 /// As [`prune()`].
@@ -220,6 +221,7 @@ pub fn prune_each(
     let go: BTreeSet<&str> = go.map(|(session, _)| id_of(&session.path)).collect();
     let stay = files.keys().filter(|id| !go.contains(id.as_str()));
     let stay: BTreeSet<&str> = stay.map(|id| part_of(id).0).collect();
+    let mut failed = None;
     for ((session, why), bytes) in sessions.iter().zip(going).zip(sizes) {
         let Some(why) = why else {
             continue;
@@ -237,13 +239,21 @@ pub fn prune_each(
             bytes: freed,
             why,
         };
-        if !dry_run {
-            remove(dir, &removed, &go, now)?;
+        if !dry_run && let Err(error) = remove(dir, &removed, &go, now) {
+            // this session is gone without a line: no other one may be
+            if error.is_full() {
+                return Err(error);
+            }
+            failed.get_or_insert(error);
+            continue;
         }
         each(&removed);
         pruned.removed.push(removed);
     }
-    Ok(pruned)
+    match failed {
+        Some(error) => Err(error),
+        None => Ok(pruned),
+    }
 }
 
 /// Ids of the baselines that kept sessions need.
@@ -360,6 +370,10 @@ fn remove(
         id: &'a str,
         why: &'a str,
     }
+    #[derive(Deserialize)]
+    struct LastRemoved {
+        id: String,
+    }
     let line = Line {
         at: now,
         id: &removed.id,
@@ -374,6 +388,11 @@ fn remove(
             .append(true)
             .read(true)
             .open(&list)?;
+        // a session whose files could not be removed is tried again, in the ring several times a second
+        let last: Option<LastRemoved> = serde_json::from_slice(&last_line(&file)?).ok();
+        if last.is_some_and(|last| last.id == removed.id) {
+            return Ok(());
+        }
         append_line(&mut file, &serde_json::to_vec(&line)?)
     };
     let append =

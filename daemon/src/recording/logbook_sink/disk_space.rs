@@ -318,7 +318,11 @@ impl LogbookSink {
             );
             self.note(EventKind::SessionDeleted, &text);
         });
-        pruned?;
+        match pruned {
+            // if the freed space does not suffice, the next call reports the error
+            Err(error) if deleted => tracing::warn!("{}", chain(&error)),
+            pruned => drop(pruned?),
+        }
         Ok(deleted)
     }
 }

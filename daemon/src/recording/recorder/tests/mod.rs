@@ -497,6 +497,9 @@ fn deletions_of_a_ring_before_a_failure_are_recorded() {
     let recording = std::thread::spawn(move || recorder.run(queue));
     until(scene.status.held(), |held| *held);
     assert!(!first.exists() && second.exists());
+    // the second one is tried again and again, and listed once
+    let list = second.with_file_name("pruned.jsonl");
+    assert_eq!(std::fs::read_to_string(list).unwrap().lines().count(), 2);
     scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
     scene.close();
     recording.join().unwrap().unwrap();
