@@ -72,7 +72,8 @@ pub(crate) fn count(
 }
 
 /// The readable frames in order, each with whether it is selected, from the first one, as a tracked baseline needs it,
-/// to the last selected one. Damaged frames are named on the error stream and counted in `damaged`.
+/// to the last selected one. Damaged frames before it are named on the error stream and counted in `damaged`; if
+/// `--to` is a time, also those behind it that may be within the span.
 ///
 /// # Errors
 /// `--from` or `--to` is a time, and the frames have none; no frame is between them.
@@ -105,7 +106,12 @@ pub(crate) fn frames<'a>(
     let last = match source.to {
         None => within.next().map(|_| u64::MAX),
         Some(Moment::Frame(number)) => within.next().map(|_| number),
-        Some(_) => within.last().map(|frame| frame.sequence),
+        // the times of unreadable frames up to the next readable one are not known
+        Some(_) => within.last().map(|frame| {
+            let mut behind = recording.frames_from(frame.sequence.saturating_add(1));
+            let next = behind.find_map(Result::ok);
+            next.map_or(u64::MAX, |next| next.sequence - 1)
+        }),
     };
     if has_places(source) && last.is_none() {
         return Err(Failure::Usage(format!(
@@ -118,7 +124,9 @@ pub(crate) fn frames<'a>(
             ))
         )));
     }
-    let mut readable = recording.frames().filter_map(|frame| match frame {
+    // frames behind the last one are not even read: reading and tracking a long rest takes long
+    let frames = recording.frames_between(0, last.unwrap_or(u64::MAX));
+    let mut readable = frames.filter_map(|frame| match frame {
         Ok(frame) => Some(frame),
         Err(error) => {
             left_out(&error);
@@ -129,7 +137,6 @@ pub(crate) fn frames<'a>(
     let (mut within, mut shown) = (0_usize, 0_usize);
     let mut ended = false;
     Ok(std::iter::from_fn(move || {
-        // not even read: reading and tracking a long rest takes long
         if ended {
             return None;
         }
@@ -138,7 +145,7 @@ pub(crate) fn frames<'a>(
         let asked = is_within && within.is_multiple_of(thinning.every());
         within += usize::from(is_within);
         shown += usize::from(asked);
-        ended = shown >= thinning.most() || last.is_some_and(|last| frame.sequence >= last);
+        ended = shown >= thinning.most();
         Some((frame, asked))
     }))
 }

@@ -476,16 +476,29 @@ fn replay_takes_the_frames_between_two_places() {
 }
 
 #[test]
-fn frames_after_the_last_selected_one_are_not_read() {
-    let folder = tempfile::tempdir().unwrap();
-    session_with_damaged_end(folder.path());
+fn damaged_frames_are_named_where_they_may_be_selected() {
     let replay = ["replay", "last", "--preset", "disc-tank", "--json"];
     let replay = [&replay[..], &["--method", "one-step", "--noise-v", "2e-6"]].concat();
-    let message = refused(folder.path(), &replay, 1);
-    assert!(message.contains("1 damaged frames"), "{message}");
-    for end in [["--to", "2"], ["--to", "1s"], ["--count", "2"]] {
-        let printed = done(folder.path(), &[&replay[..], &end].concat());
-        assert_eq!(lines(&printed).len(), 2, "{end:?}");
+    // of three frames, at 0, 1 and 2 s: how many are damaged at the end, printed, and left out
+    for (damaged, end, printed, left_out) in [
+        (1, &[][..], 2, 1),
+        (1, &["--to", "2"], 2, 0),
+        (1, &["--to", "1s"], 2, 1),
+        (1, &["--to", "500ms"], 1, 0),
+        (1, &["--count", "2"], 2, 0),
+        (2, &["--to", "2"], 1, 1),
+        (2, &["--to", "500ms"], 1, 2),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        session_with_damaged_end(folder.path(), damaged);
+        let output = tactus(folder.path(), &[&replay[..], end].concat());
+        let message = String::from_utf8(output.stderr).unwrap();
+        let code = Some(i32::from(left_out > 0));
+        assert_eq!(output.status.code(), code, "{damaged} {end:?}: {message}");
+        let named = message.matches("a frame is left out").count();
+        assert_eq!(named, left_out, "{damaged} {end:?}: {message}");
+        let maps = lines(&String::from_utf8(output.stdout).unwrap());
+        assert_eq!(maps.len(), printed, "{damaged} {end:?}");
     }
 }
 

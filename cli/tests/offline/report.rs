@@ -113,7 +113,7 @@ fn a_report_without_frames_has_no_share_of_them() {
 #[test]
 fn a_last_frame_that_cannot_be_read_is_stated() {
     let folder = tempfile::tempdir().unwrap();
-    session_with_damaged_end(folder.path());
+    session_with_damaged_end(folder.path(), 1);
     let (page, line) = report(folder.path(), "last");
     assert_eq!(line["frames"], 2);
     let frames = "<td>frames</td><td>2 that can be read, from 2027-01-1";

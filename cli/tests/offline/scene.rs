@@ -186,11 +186,11 @@ pub fn session_in_parts_with_alarms(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
-/// [`session`] whose last frame is damaged.
-pub fn session_with_damaged_end(folder: &Path) {
+/// [`session`] of whose frames the last ones are damaged, `frames` of them.
+pub fn session_with_damaged_end(folder: &Path, frames: i64) {
     let header = SessionHeader::new("m20270115_1", at(0), protocol());
     let course = Course {
-        compliance_end: true,
+        compliance_end: frames,
         ..Course::default()
     };
     let path = record(folder, header, None, |_, record, _| record, course);
@@ -201,7 +201,7 @@ pub fn session_with_damaged_end(folder: &Path) {
         .enumerate()
         .filter_map(|(place, found)| (found == remark).then_some(place))
         .collect();
-    assert!(!places.is_empty(), "the last frame has the remark");
+    assert!(!places.is_empty(), "the last frames have the remark");
     for place in places {
         bytes[place + 1] ^= 0x01;
     }
@@ -314,8 +314,8 @@ struct Course {
     unread: bool,
     /// Whether all readings are missing in the last frame.
     unread_end: bool,
-    /// Whether the source is in compliance in the last frame.
-    compliance_end: bool,
+    /// In how many of the last frames the source is in compliance.
+    compliance_end: i64,
 }
 
 fn record(
@@ -405,7 +405,7 @@ fn record(
     }
     let end = frames.last().map_or(0, |(second, _)| second + 1);
     for (second, readings) in frames {
-        let compliance = match course.compliance_end && second + 1 == end {
+        let compliance = match second + course.compliance_end >= end {
             true => vec![Electrode(5)],
             false => Vec::new(),
         };

@@ -63,9 +63,15 @@ impl SessionReader {
 
     /// The frames from this sequence on.
     pub fn frames_from(&self, sequence: u64) -> Frames<'_> {
+        self.frames_between(sequence, u64::MAX)
+    }
+
+    /// The frames from one sequence to another, which is included.
+    pub fn frames_between(&self, first: u64, last: u64) -> Frames<'_> {
         Frames {
             session: self,
-            next: sequence.max(1) as i64,
+            next: first.max(1) as i64,
+            last: i64::try_from(last).unwrap_or(i64::MAX),
             page: VecDeque::new(),
             known: RowCache::default(),
             ended: false,
@@ -83,13 +89,13 @@ impl SessionReader {
         }
     }
 
-    fn page(&self, from: i64) -> Result<VecDeque<StoredFrame>, LogbookError> {
+    fn page(&self, from: i64, last: i64) -> Result<VecDeque<StoredFrame>, LogbookError> {
         let available = self.bytes()?;
         let read = || -> rusqlite::Result<VecDeque<StoredFrame>> {
             let mut statement = self.ask().prepare_cached(
-                "SELECT * FROM frame WHERE sequence >= ?1 ORDER BY sequence LIMIT ?2",
+                "SELECT * FROM frame WHERE sequence BETWEEN ?1 AND ?2 ORDER BY sequence LIMIT ?3",
             )?;
-            let mut rows = statement.query(params![from, PAGE])?;
+            let mut rows = statement.query(params![from, last, PAGE])?;
             let (mut page, mut bytes) = (VecDeque::new(), 0);
             while let Some(row) = rows.next()? {
                 let stored = StoredFrame::read(row)?;
@@ -239,6 +245,7 @@ impl SessionReader {
 pub struct Frames<'a> {
     session: &'a SessionReader,
     next: i64,
+    last: i64,
     page: VecDeque<StoredFrame>,
     known: RowCache,
     ended: bool,
@@ -249,7 +256,7 @@ impl Iterator for Frames<'_> {
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.page.is_empty() && !self.ended {
-            match self.session.page(self.next) {
+            match self.session.page(self.next, self.last) {
                 Ok(page) => {
                     // In a damaged file, rows out of order could be repeated for ever.
                     self.ended = page.iter().all(|stored| stored.row.sequence < self.next);

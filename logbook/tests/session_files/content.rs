@@ -161,6 +161,7 @@ fn everything_comes_back_as_it_was_written() {
     assert_is(&session.frame(4).unwrap(), 4);
     assert_is(&session.last().unwrap().unwrap(), 6);
     assert_eq!(session.frames_from(5).count(), 2);
+    assert_eq!(session.frames_between(2, 4).count(), 3);
     let events = session.events().unwrap();
     assert_eq!(events.len(), 2);
     assert_eq!(

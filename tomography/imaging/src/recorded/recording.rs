@@ -156,7 +156,7 @@ impl Recording {
                 (unloaded, own.id)
             }
             Some(rule @ BaselineRule::First(count)) => {
-                let frames = recorded(&parts, 0, negate).take(*count);
+                let frames = recorded(&parts, 0, u64::MAX, negate).take(*count);
                 let frames: Vec<LabelledReadings> = frames
                     .map(|frame| frame.map(|frame| (frame.label, frame.readings)))
                     .collect::<Result<_, _>>()?;
@@ -281,12 +281,21 @@ impl Recording {
         &self,
         sequence: u64,
     ) -> Box<dyn Iterator<Item = Result<RecordedFrame, LogbookError>> + '_> {
+        self.frames_between(sequence, u64::MAX)
+    }
+
+    /// The frames from one sequence number to another, which is included, as [`Recording::frames`].
+    pub fn frames_between(
+        &self,
+        first: u64,
+        last: u64,
+    ) -> Box<dyn Iterator<Item = Result<RecordedFrame, LogbookError>> + '_> {
         match &self.source {
             Source::Table(rows) => {
-                let rows = rows.iter().filter(move |row| row.sequence >= sequence);
-                Box::new(rows.cloned().map(Ok))
+                let within = move |row: &&RecordedFrame| (first..=last).contains(&row.sequence);
+                Box::new(rows.iter().filter(within).cloned().map(Ok))
             }
-            Source::Session { parts, negate } => Box::new(recorded(parts, sequence, *negate)),
+            Source::Session { parts, negate } => Box::new(recorded(parts, first, last, *negate)),
         }
     }
 
@@ -335,11 +344,12 @@ impl Recording {
 
 fn recorded(
     parts: &SessionParts,
-    from: u64,
+    first: u64,
+    last: u64,
     negate: bool,
 ) -> impl Iterator<Item = Result<RecordedFrame, LogbookError>> {
     let frame = move |record: Result<Record, _>| Ok(of_record(record?, negate));
-    parts.frames_from(from).map(frame)
+    parts.frames_between(first, last).map(frame)
 }
 
 fn of_record(record: Record, negate: bool) -> RecordedFrame {

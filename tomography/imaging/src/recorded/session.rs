@@ -128,16 +128,22 @@ impl SessionParts {
 
     /// The frames from a sequence number on, as [`SessionParts::frames`].
     pub fn frames_from(&self, sequence: u64) -> impl Iterator<Item = Result<Record, LogbookError>> {
-        let reaches = move |(_, next): &(_, Option<u64>)| next.is_none_or(|next| next > sequence);
+        self.frames_between(sequence, u64::MAX)
+    }
+
+    /// The frames from one sequence number to another, which is included, as [`SessionParts::frames`].
+    pub fn frames_between(
+        &self,
+        first: u64,
+        last: u64,
+    ) -> impl Iterator<Item = Result<Record, LogbookError>> {
         self.with_next()
-            .filter(reaches)
+            .filter(move |(_, next)| next.is_none_or(|next| next > first))
+            .take_while(move |(part, _)| part.header().first_sequence <= last)
             .flat_map(move |(part, next)| {
                 // frames from the first sequence number of the next part on were written again to that part
-                let own = move |record: &Result<Record, LogbookError>| match (record, next) {
-                    (Ok(record), Some(next)) => record.frame.sequence < next,
-                    _ => true,
-                };
-                part.frames_from(sequence).filter(own)
+                let own = next.map_or(u64::MAX, |next| next.saturating_sub(1));
+                part.frames_between(first, last.min(own))
             })
     }
 
