@@ -4,7 +4,9 @@ use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use logbook::sha256_of;
 use rustix::fs::{Advice, fadvise};
@@ -146,9 +148,14 @@ pub(crate) fn unique() -> String {
     )
 }
 
-/// Beginning of each [`unique`] of this process.
-fn of_this_process() -> String {
-    format!("{}-", std::process::id())
+/// Beginning of each [`unique`] of this process. The process number alone returns: in a container it is always 1.
+fn of_this_process() -> &'static str {
+    static OWN: OnceLock<String> = OnceLock::new();
+    OWN.get_or_init(|| {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        let began_ns = since.unwrap_or_default().as_nanos();
+        format!("{}-{began_ns}-", std::process::id())
+    })
 }
 
 /// Removes the leftovers of interrupted copies of this file. A copy that another process is making at the same time
@@ -165,7 +172,7 @@ pub(super) fn tidy(path: &Path) {
         let file = entry.file_name();
         let file = file.to_string_lossy();
         let made_by = file.strip_prefix(&begin);
-        let is_foreign = made_by.is_some_and(|made_by| !made_by.starts_with(&own));
+        let is_foreign = made_by.is_some_and(|made_by| !made_by.starts_with(own));
         if is_foreign && file.ends_with(UNFINISHED) {
             // a file that cannot be removed only takes space
             let _ = std::fs::remove_file(entry.path());
@@ -233,6 +240,20 @@ mod tests {
         assert!(matches!(content.other, Some(Ok(7))), "{:?}", content.other);
         assert!(matches!(first, Err(WholeFileError::Exists(_))), "{first:?}");
         assert_eq!(std::fs::read(&path).unwrap(), b"content");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn leftovers_of_a_process_of_the_same_number_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m1.tactus");
+        let left = |count: u64| format!(".m1.tactus.{}-{count}.{UNFINISHED}", std::process::id());
+        for count in 0..4 {
+            std::fs::write(folder.path().join(left(count)), b"cont").unwrap();
+        }
+        let (sha256, _) = sha256_of(&b"content"[..]).unwrap();
+        let written = write_whole(&mut &b"content"[..], &path, &sha256);
+        assert!(matches!(written, Ok(7)), "{written:?}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }
