@@ -57,15 +57,16 @@ impl FittedSheet {
         Ok(fit)
     }
 
-    /// The baseline plus the drift estimated in a frame.
+    /// The baseline plus the drift estimated in a frame, and the frame without readings that are nearly 0 V.
     fn drifted(
         &self,
         baseline: &[Reading],
         frame: &[Reading],
-    ) -> Result<Vec<Reading>, ReconstructError> {
+    ) -> Result<(Vec<Reading>, Vec<Reading>), ReconstructError> {
         let fit = self.fit(baseline)?;
         let (_, drift) = fit.drift(frame)?;
-        Ok(fit.model.baseline_with(&drift.change))
+        let drifted = fit.model.baseline_with(&drift.change);
+        Ok((drifted, fit.model.without_zeros(frame)))
     }
 
     /// Standard deviation of ln conductance of each triangle of the region, and whether the frame determines the
@@ -126,16 +127,16 @@ pub(crate) struct DriftRemoved {
 }
 
 impl DriftRemoved {
-    /// The baseline to compare a frame with. Readings of a wrong number are passed on, so that the method reports the
-    /// error.
-    pub(crate) fn baseline(
+    /// The baseline to compare a frame with, and the frame without readings that are nearly 0 V. Readings of a wrong
+    /// number are passed on, so that the method reports the error.
+    pub(crate) fn compare(
         &self,
         baseline: &[Reading],
         frame: &[Reading],
-    ) -> Result<Vec<Reading>, ReconstructError> {
+    ) -> Result<(Vec<Reading>, Vec<Reading>), ReconstructError> {
         let wants = self.inner.protocol().len();
         if baseline.len() != wants || frame.len() != wants {
-            return Ok(baseline.to_vec());
+            return Ok((baseline.to_vec(), frame.to_vec()));
         }
         self.sheet.drifted(baseline, frame)
     }
@@ -159,8 +160,8 @@ impl Reconstructor for DriftRemoved {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
-        self.inner
-            .reconstruct(&self.baseline(baseline, frame)?, frame)
+        let (baseline, frame) = self.compare(baseline, frame)?;
+        self.inner.reconstruct(&baseline, &frame)
     }
 
     fn assumptions(&self) -> Vec<String> {
@@ -178,10 +179,56 @@ impl Reconstructor for DriftRemoved {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Option<Novelty>, ReconstructError> {
-        self.inner.novelty(&self.baseline(baseline, frame)?, frame)
+        let (baseline, frame) = self.compare(baseline, frame)?;
+        self.inner.novelty(&baseline, &frame)
     }
 }
 
 /// The assumption about drift, as a note of the model.
 pub(crate) const REMARK: &str = "drift of gain, contacts and smooth fields since the baseline is estimated in each frame and removed; \
      a crack or compression set of the foam cannot be distinguished from a load in one frame";
+
+#[cfg(test)]
+mod tests {
+    use eit::{PaperSheet, Preset};
+    use survey::Volts;
+
+    use super::*;
+    use crate::conditions::trial_frame;
+    use crate::reconstruction::build;
+    use crate::settings::{DriftRule, ReconstructionSettings};
+
+    #[test]
+    fn readings_of_nearly_0_v_are_missing_in_a_map() {
+        let sheet = PaperSheet {
+            fineness: 0.5,
+            ..PaperSheet::default()
+        };
+        let geometry = Geometry::from_preset(&Preset::PaperSheet(sheet)).unwrap();
+        let protocol = Protocol::sheffield(26).unwrap();
+        let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).unwrap();
+        let ohms = forward.readings(&geometry.sigma0, &protocol).unwrap();
+        let baseline = Reading::of_volts(ohms.iter().map(|ohms| 1e-3 * ohms));
+        let conditions = Conditions::live(&geometry, &protocol, Amps(1e-3));
+        let settings = ReconstructionSettings {
+            drift: Some(DriftRule::Frame),
+            ..ReconstructionSettings::default()
+        };
+        let model = build(&settings, &conditions).unwrap();
+        let loaded = trial_frame(&geometry, &protocol, &baseline).unwrap();
+        // the source is off during three of the injections
+        let [zeros, missing] = [Reading::Ok(Volts(1e-7)), Reading::NotMeasured].map(|off| {
+            let mut frame = loaded.clone();
+            for (reading, measurement) in frame.iter_mut().zip(protocol.measurements()) {
+                if measurement.drive.plus.0 < 3 {
+                    *reading = off;
+                }
+            }
+            frame
+        });
+        let judged = |frame| model.reconstruct(&baseline, frame).unwrap();
+        assert_eq!(judged(&zeros), judged(&missing));
+        let bare = |frame| model.reconstructor.reconstruct(&baseline, frame).unwrap();
+        assert_eq!(bare(&zeros), bare(&missing));
+    }
+}

@@ -63,11 +63,15 @@ impl Model {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
-        let drifted = match &self.removal {
-            Some(removal) => Some(removal.baseline(baseline, frame)?),
+        let compared = match &self.removal {
+            Some(removal) => Some(removal.compare(baseline, frame)?),
             None => None,
         };
-        let baseline = drifted.as_deref().unwrap_or(baseline);
+        let (baseline, frame) = compared
+            .as_ref()
+            .map_or((baseline, frame), |(baseline, frame)| {
+                (&baseline[..], &frame[..])
+            });
         let method = self.removal.as_ref().map(|removal| &removal.inner);
         let map = method
             .unwrap_or(&self.reconstructor)
