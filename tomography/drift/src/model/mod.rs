@@ -219,9 +219,10 @@ impl DriftModel {
         self.pairs.relative(&self.ratios, &self.baseline, &frame)
     }
 
-    /// The frame without the readings that are nearly 0 V although those of the first baseline are far above the noise.
-    /// Neither load nor drift does this: the pair is shorted, or no current flowed. Taken as a change of the sheet, such
-    /// readings would be regained conductance.
+    /// The frame without the readings that are nearly 0 V although those of the first baseline are far above the noise:
+    /// the pair is shorted, or no current flowed. Taken as a change of the sheet, such readings would be regained
+    /// conductance. Load and drift do this only where pairs interlace (`survey.skip` of 1 or more): such a reading can
+    /// have either sign, and is left out too while it passes 0 V.
     pub fn without_zeros(&self, frame: &[Reading]) -> Vec<Reading> {
         let noise = self.instruments.reading_v.hypot(self.instruments.emf_v);
         let is_zero = |(volts, before): (Volts, &f64)| {
