@@ -216,8 +216,9 @@ impl Whitened {
     }
 }
 
-/// The share of conductance that a disc loses if the field changes like this linear change.
-pub(crate) fn loss_of(change: f64) -> f64 {
+/// The share of conductance that a disc loses if the field changes like this linear change. Of a gain, which has no
+/// limit, it is the loss of the same linear change with the opposite sign.
+fn loss_of(change: f64) -> f64 {
     -2.0 * change / (2.0 + change.abs())
 }
 

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::bits;
 use crate::basis::Basis;
-use crate::disc::loss_of;
 use crate::model::DriftModel;
 use crate::whitened::LOADED;
 
@@ -38,10 +37,12 @@ pub struct AnchorAlarm {
 }
 
 impl AnchorAlarm {
-    /// Share of the conductance that the disc lost, at most 1; negative for a gain.
+    /// Share of the conductance that the disc lost, at most 1; negative for a gain, minus infinity for a perfect
+    /// conductor.
     pub fn loss(&self) -> f64 {
-        // the load test does not limit the linear change to that of a complete loss, -2
-        loss_of(self.change).min(1.0)
+        // the linear change is 2 (k - 1) / (k + 1) for k times the conductance; the load test does not limit it to -2..2
+        let change = self.change.clamp(-2.0, 2.0);
+        -2.0 * change / (2.0 - change)
     }
 }
 

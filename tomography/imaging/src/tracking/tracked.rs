@@ -263,12 +263,17 @@ fn is_at(alarm: &AnchorAlarm, place: &PlaceRegion) -> bool {
 }
 
 fn slow_change(alarm: &AnchorAlarm) -> String {
+    let percent = -100.0 * alarm.loss();
+    // readings hardly distinguish larger gains
+    let changed = match percent > 1000.0 {
+        true => "more than 1000 %".to_owned(),
+        false => format!("{percent:.1} %"),
+    };
     let [x, y] = alarm.centre.map(|metres| 1e3 * metres);
     format!(
-        "conductance at ({x:.0}, {y:.0}) mm changed slowly by {:.1} % within {:.0} days: a load or ageing, which \
+        "conductance at ({x:.0}, {y:.0}) mm changed slowly by {changed} within {:.0} days: a load or ageing, which \
          readings cannot distinguish; inspect the sheet, then run `tactus baseline forget-anchor` (ageing), \
          `loaded-now` (a load) or `empty-now` (the sheet is empty)",
-        -100.0 * alarm.loss(),
         alarm.age_days
     )
 }
@@ -346,11 +351,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slow_change_is_at_most_a_complete_loss() {
+    fn slow_change_is_the_share_that_was_lost_or_gained() {
         for (change, percent) in [
             (-2.0 / 3.0, "-50.0 %"),
             (-2.0, "-100.0 %"),
             (-5.0, "-100.0 %"),
+            (0.5, "66.7 %"),
+            (2.0, "more than 1000 %"),
+            (5.0, "more than 1000 %"),
         ] {
             let text = slow_change(&AnchorAlarm {
                 age_days: 1.0,
