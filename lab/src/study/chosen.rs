@@ -7,6 +7,7 @@ use eit::PaperSheet;
 use eit::model::fingerprint;
 use outfile::Existing;
 use studies::Failure;
+use studies::evaluation::has_load;
 use studies::evaluation::test_set::{self, TestSet, TestSetName};
 use tempfile::TempDir;
 
@@ -101,6 +102,14 @@ impl<'a> Sets<'a> {
                 .to_string_lossy()
                 .into_owned(),
             Self::Standard { .. } => STANDARD[set].2.to_owned(),
+        }
+    }
+
+    /// Whether a frame of a set has a load, as some of the standard sets have.
+    pub(super) fn have_load(&self) -> bool {
+        match self {
+            Self::Named(folders) => folders.iter().any(|folder| has_load(folder)),
+            Self::Standard { .. } => true,
         }
     }
 

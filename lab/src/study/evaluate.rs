@@ -82,6 +82,11 @@ struct Line {
 pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     let methods = methods(options);
     let sets = Sets::of(options);
+    if options.picture.is_some() && !sets.have_load() {
+        return Err(Failure::usage(
+            "--picture draws the correlation with the truth, and no frame of the sets has a load",
+        ));
+    }
     let (division, stop) = divided(&options.shards)?;
     let pairs: Vec<(usize, &Method)> = (0..sets.len())
         .flat_map(|set| methods.iter().map(move |method| (set, method)))
@@ -132,6 +137,8 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     if let Some(path) = &options.picture {
         let points: Vec<WorkPoint> = all
             .iter()
+            // a set without a load has no correlation
+            .filter(|Line { figures, .. }| figures.correlation.is_finite())
             .map(|Line { figures, .. }| WorkPoint {
                 panel: figures.set.clone(),
                 name: figures.method.clone(),

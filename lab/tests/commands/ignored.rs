@@ -281,3 +281,17 @@ fn cases_of_a_set_have_the_settings_of_the_set() {
     let message = done(&words(line, &paths));
     assert!(message.contains("20 cases for 25 neurons"), "{message}");
 }
+
+#[test]
+fn a_picture_of_sets_without_a_load_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // a set without any other file: nothing else is read before
+    std::fs::write(folder.path().join("truth.csv"), "0,0\n-0,0\n").unwrap();
+    let picture = folder.path().join("figure.png");
+    let line = "evaluate --set {} --method one-step --picture {}";
+    let message = refused(line, &[folder.path(), &picture]);
+    assert!(
+        message.contains("no frame of the sets has a load"),
+        "{message}"
+    );
+}

@@ -19,6 +19,8 @@ use training::noise_figure::by_draws;
 
 /// Noise stated for frames without noise, V; with zero noise a method would fit the error of its model.
 const LEAST_NOISE: f64 = 2e-6;
+/// File with the true change of each frame.
+const TRUTH: &str = "truth.csv";
 /// Columns of `presses.csv` with the position of a press.
 const PRESS_PLACE: Range<usize> = 1..3;
 
@@ -112,7 +114,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     let model = options.prepare(&case, &recording)?;
     let triangles = case.mesh.region().len();
     let truths = rows(
-        &folder.join("truth.csv"),
+        &folder.join(TRUTH),
         recording.frames.len().saturating_sub(1),
         0..triangles,
         true,
@@ -171,6 +173,13 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         noise_v: description.noise_v.max(LEAST_NOISE),
         recording,
     })
+}
+
+/// Whether a frame of a test set has a true load. A truth that cannot be read counts as one: [`maps`] reports it.
+pub fn has_load(folder: &Path) -> bool {
+    let is_load = |field: &str| field.trim().parse().is_ok_and(|change: f64| change != 0.0);
+    std::fs::read_to_string(folder.join(TRUTH))
+        .map_or(true, |text| text.split([',', '\n']).any(is_load))
 }
 
 /// The numbers in these columns of a file without a header, one row for each frame after the baseline. Other columns

@@ -11,7 +11,7 @@ pub mod test_set;
 
 pub use eit::metrics::median;
 pub use figures::{Figures, OfFrame, figures, of_frames};
-pub use maps::{Frame, Judged, maps, maps_not_refused};
+pub use maps::{Frame, Judged, has_load, maps, maps_not_refused};
 pub use method::MethodOptions;
 pub(crate) use statistics::quantile;
 pub use statistics::{average, mean_and_deviation};
