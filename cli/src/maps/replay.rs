@@ -418,9 +418,34 @@ impl MapTables {
         {
             table.finish()?;
         }
+        let maps = self.maps.finish()?;
         if let Some((path, existing)) = self.outdated {
             outfile::remove(&path, existing)?;
         }
-        Ok(self.maps.finish()?)
+        Ok(maps)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use eit::DiscTank;
+
+    use super::*;
+
+    #[test]
+    fn deviations_are_kept_where_the_maps_are_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("maps.csv");
+        let deviations = MapCompanions::of(&path).deviations;
+        std::fs::write(&deviations, "of earlier maps").unwrap();
+        let mesh = DiscTank::default().mesh().unwrap();
+        let create = || MapTables::create(&path, &mesh, Existing::Replace, false).unwrap();
+        let tables = create();
+        std::fs::create_dir(&path).unwrap();
+        assert!(tables.finish().is_err());
+        assert!(deviations.exists());
+        std::fs::remove_dir(&path).unwrap();
+        create().finish().unwrap();
+        assert!(path.exists() && !deviations.exists());
     }
 }
