@@ -4,6 +4,9 @@
 use crate::stage::{Measuring, Stage, instant, on_tcp, ports, reported, serve, within};
 use dbus::{Fault, Options};
 use simulator::{Instrument, Profile, SimulatedRig, Wire};
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::net::TcpListener;
+use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 
 /// A rig with another source, and with another module if requested.
 fn other(module: bool) -> SimulatedRig {
@@ -112,6 +115,59 @@ async fn a_new_rig_reached_after_its_reload_needs_no_acceptance() {
     daemon.terminate().await;
     let file = stage.path().join("state/known-instruments.json");
     assert!(std::fs::read_to_string(&file).unwrap().contains("7654321"));
+}
+
+/// Serves a source whose connection breaks when it is switched off, and reports each time.
+async fn serve_broken(listener: TcpListener, broken: UnboundedSender<()>) {
+    loop {
+        let (stream, _) = listener.accept().await.unwrap();
+        let (reader, mut writer) = stream.into_split();
+        let mut lines = BufReader::new(reader).lines();
+        while let Ok(Some(line)) = lines.next_line().await {
+            let reply = match line.as_str() {
+                "*IDN?" => "KEITHLEY INSTRUMENTS INC.,MODEL 6221,7654321,D04\n",
+                line if line.contains("OUTP") => {
+                    let _ = broken.send(());
+                    break;
+                }
+                _ => "0,\"No error\"\n",
+            };
+            if writer.write_all(reply.as_bytes()).await.is_err() {
+                break;
+            }
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_source_that_a_retry_leaves_unverified_is_unknown() {
+    let (_rig, server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    let (source, _) = ports(&server);
+    let mainframe = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = mainframe.local_addr().unwrap().to_string();
+    drop(mainframe);
+    stage.configure(&config.replace(&server.ready().mainframe, &address));
+    let text = within(daemon.manager.reload()).await.unwrap();
+    assert!(text.contains("its rig cannot be reached"), "{text}");
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
+    server.stop().await;
+    // another source at the address of the source before
+    let listener = TcpListener::bind(("127.0.0.1", source)).await.unwrap();
+    let (broken, mut breaks) = unbounded_channel();
+    tokio::spawn(serve_broken(listener, broken));
+    // the second attempt begins after the first
+    for _ in 0..2 {
+        within(breaks.recv()).await.unwrap();
+    }
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+    stage.configure(&config);
+    let refused = within(daemon.manager.reload()).await.unwrap_err();
+    assert!(
+        matches!(&refused, Fault::InstrumentFault(text) if text.contains("cannot be switched off")),
+        "{refused:?}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -226,9 +226,12 @@ impl Controller {
         let before = {
             let mut inner = self.inner();
             let before = inner.source_state;
-            if now == SourceState::Off || before == SourceState::NeverReached {
+            // the last known state of a source that is not reached is kept
+            if now != SourceState::NeverReached {
                 inner.source_state = now;
             }
+            let error = outcome.as_ref().err();
+            inner.relays_unknown |= error.is_some_and(AssemblyError::leaves_relays_unknown);
             before
         };
         let source = (before, now) == (SourceState::Unknown, SourceState::Off);
