@@ -57,7 +57,7 @@ struct Notice {
 impl Notices {
     /// The notifications that are due. The beginning of an alarm is notified at most once within `again`. An alarm that
     /// is shelved or out of service is not notified. Afterwards its end is notified, or, if it is still active, its
-    /// beginning again.
+    /// beginning again. An alarm that no longer exists, because its rule was removed, has ended.
     pub(crate) fn due(&mut self, now: Instant, alarms: &Alarms, again: Duration) -> Vec<Message> {
         let mut messages = Vec::new();
         for alarm in alarms.iter() {
@@ -72,6 +72,17 @@ impl Notices {
             }
             messages.extend(notice.step(name, now, alarm.state.active, &alarm.state.cause, again));
         }
+        self.0.retain(|name, notice| {
+            let kept = alarms.get(name).is_some();
+            if !kept && notice.reported {
+                messages.push(Message {
+                    kind: name.clone(),
+                    phase: Phase::Ended,
+                    text: "over: its rule is no longer in the configuration".to_owned(),
+                });
+            }
+            kept
+        });
         messages
     }
 }
@@ -174,16 +185,20 @@ mod tests {
 
     const NAME: &str = "heel";
 
-    /// An alarm that begins and ends without delay.
-    fn alarms() -> Alarms {
-        let mut alarms = Alarms::default();
-        alarms.set_rules(vec![Rule {
+    /// The rule of an alarm that begins and ends without delay.
+    fn rule() -> Rule {
+        Rule {
             name: NAME.to_owned(),
             severity: Severity::Major,
             on_s: 0.0,
             off_s: 0.0,
             latched: false,
-        }]);
+        }
+    }
+
+    fn alarms() -> Alarms {
+        let mut alarms = Alarms::default();
+        alarms.set_rules(vec![rule()]);
         alarms
     }
 
@@ -229,5 +244,25 @@ mod tests {
         order(&mut alarms, 201, &Order::ShelveOnce);
         assert_eq!(at(&mut alarms, 202, beyond()), []);
         assert_eq!(at(&mut alarms, 203, Judgement::Within), [Phase::Ended]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_alarm_whose_rule_is_removed_is_notified_as_over() {
+        let beyond = || Judgement::Beyond("9 kPa".to_owned());
+        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
+        let mut at = |alarms: &mut Alarms, second, judgement| {
+            check(&mut notices, alarms, begin, second, judgement)
+        };
+        assert_eq!(at(&mut alarms, 0, beyond()), [Phase::Begun]);
+        alarms.set_rules(Vec::new());
+        // it stays until it is acknowledged
+        assert_eq!(at(&mut alarms, 1, beyond()), []);
+        order(&mut alarms, 2, &Order::Acknowledge);
+        assert_eq!(at(&mut alarms, 3, beyond()), [Phase::Ended]);
+        assert_eq!(at(&mut alarms, 4, beyond()), []);
+        // a rule of the same name begins anew
+        alarms.set_rules(vec![rule()]);
+        assert_eq!(at(&mut alarms, 5, Judgement::Within), []);
+        assert_eq!(at(&mut alarms, 6, beyond()), [Phase::Begun]);
     }
 }
