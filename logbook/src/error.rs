@@ -328,6 +328,19 @@ impl LogbookError {
         matches!(self, Self::Gone { .. })
     }
 
+    /// Whether the file can be read, and an entry of it is damaged or missing.
+    pub fn is_damage(&self) -> bool {
+        match self {
+            Self::Damaged { .. } | Self::NoSuchFrame { .. } => true,
+            // a value of another type than its column's, or larger than the file
+            Self::Store { source, .. } => matches!(
+                source.sqlite_error_code(),
+                None | Some(rusqlite::ErrorCode::TooBig)
+            ),
+            _ => false,
+        }
+    }
+
     /// Whether only [`crate::SessionWriter::successor`] can continue.
     pub fn needs_successor(&self) -> bool {
         self.is_broken() || self.is_gone()
@@ -413,6 +426,23 @@ mod tests {
             }
         }
         attempts
+    }
+
+    #[test]
+    fn an_unreadable_file_is_no_damaged_entry() {
+        use rusqlite::ffi;
+        let of_sqlite = |code| rusqlite::Error::SqliteFailure(ffi::Error::new(code), None);
+        for (source, damage) in [
+            (of_sqlite(ffi::SQLITE_CORRUPT), true),
+            (of_sqlite(ffi::SQLITE_TOOBIG), true),
+            (rusqlite::Error::IntegralValueOutOfRange(10, -1), true),
+            (of_sqlite(ffi::SQLITE_IOERR_READ), false),
+            (of_sqlite(ffi::SQLITE_CANTOPEN), false),
+            (of_sqlite(ffi::SQLITE_BUSY), false),
+        ] {
+            let error = LogbookError::reading(Path::new("m1.tactus"), "read a frame of", source);
+            assert_eq!(error.is_damage(), damage, "{error:?}");
+        }
     }
 
     #[test]

@@ -99,8 +99,10 @@ impl Counters {
         }
     }
 
-    pub(crate) fn count_failed(&self) {
+    /// Counts a frame that failed, with the time and the cause.
+    pub(crate) fn count_failed(&self, at: DateTime<Utc>, cause: &str) {
         self.failed.fetch_add(1, Ordering::Relaxed);
+        self.gap(at, &survey::printable(cause));
     }
 
     /// Counts frames that were due and could not be taken, or that could not be written to the disk.
@@ -117,7 +119,7 @@ impl Counters {
     }
 
     /// Stores the time and the cause of the last gap.
-    pub(crate) fn gap(&self, at: DateTime<Utc>, text: &str) {
+    fn gap(&self, at: DateTime<Utc>, text: &str) {
         let text = text.to_owned();
         locked(&self.last).gap = Some(Gap { at, text });
     }

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
+use chrono::{DateTime, Utc};
 use dbus::Fault;
 use imaging::tracking::TrackingOrder;
 use logbook::{LogbookError, SessionKind};
@@ -357,9 +358,10 @@ impl SessionStatus {
         self.failures.load(Ordering::Relaxed)
     }
 
-    pub(crate) fn count_failure(&self) {
+    /// Counts a frame that failed, with the time and the cause.
+    pub(crate) fn count_failure(&self, at: DateTime<Utc>, cause: &str) {
         self.failures.fetch_add(1, Ordering::Relaxed);
-        self.counters.count_failed();
+        self.counters.count_failed(at, cause);
     }
 
     /// The reason of the stop request.

@@ -12,6 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::events::kind::EventKind;
+use imaging::recorded::RecordedError;
 use rig::{
     AcquireError, Clock, EndReason, InjectionReadings, InjectionSink, RingTranscript, Stop,
     SystemClock,
@@ -52,6 +53,8 @@ pub(crate) enum AcquisitionEnd {
     Rig(Box<AcquireError>),
     /// The rig had been lost before the session used it.
     NoRig,
+    /// The recording can no longer be read.
+    Recording(Box<RecordedError>),
 }
 
 impl AcquisitionEnd {
@@ -61,6 +64,7 @@ impl AcquisitionEnd {
             Self::Done(reason) => reason.clone(),
             Self::Rig(error) => crate::acquisition::failed_frame::describe(error),
             Self::NoRig => "the rig was lost before the frame".to_owned(),
+            Self::Recording(error) => survey::error_chain(error.as_ref()),
         }
     }
 }
@@ -154,10 +158,10 @@ impl Acquisition {
                 match recording.due() {
                     Ok(Some(offset)) => due = began + shift + offset,
                     Ok(None) => return self.end_of_recording(),
-                    Err(error) => {
-                        self.leave_out(recording, &error).await;
-                        continue;
-                    }
+                    Err(error) => match self.leave_out(recording, error).await {
+                        Ok(()) => continue,
+                        Err(ended) => return ended,
+                    },
                 }
             } else if missed > 0 {
                 self.progress.skip_missed(&self.schedule, now);
@@ -199,10 +203,10 @@ impl Acquisition {
                 FrameSource::Recording(recording) => {
                     match recording.next(self.clock.monotonic(), self.clock.wall()) {
                         Ok(frame) => Ok(frame),
-                        Err(error) => {
-                            self.leave_out(recording, &error).await;
-                            continue;
-                        }
+                        Err(error) => match self.leave_out(recording, error).await {
+                            Ok(()) => continue,
+                            Err(ended) => Err(ended),
+                        },
                     }
                 }
             };
@@ -237,15 +241,6 @@ impl Acquisition {
             if !handed_over {
                 return AcquisitionEnd::Done(self.status.stop_reason());
             }
-        }
-    }
-
-    /// Counts frames that were due and could not be taken in time.
-    async fn count_missed(&self, missed: u64) {
-        if missed > 0 {
-            self.status.count_dropped(missed);
-            let text = format!("{missed} frames were due and could not be taken in time");
-            self.note(EventKind::FramesMissed, text).await;
         }
     }
 

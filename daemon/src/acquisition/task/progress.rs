@@ -3,6 +3,8 @@
 use std::time::Duration;
 
 use crate::acquisition::schedule::{Next, Schedule};
+use crate::acquisition::task::Acquisition;
+use crate::events::kind::EventKind;
 
 /// Progress of a session, kept when the connection to the rig is lost.
 #[derive(Debug, Clone, Copy, Default)]
@@ -33,6 +35,17 @@ impl AcquisitionProgress {
                 missed
             }
             _ => 0,
+        }
+    }
+}
+
+impl Acquisition {
+    /// Counts frames that were due and could not be taken in time. In step mode, none is due before it is granted.
+    pub(super) async fn count_missed(&self, missed: u64) {
+        if missed > 0 && self.status.grants().is_none() {
+            self.status.count_dropped(missed);
+            let text = format!("{missed} frames were due and could not be taken in time");
+            self.note(EventKind::FramesMissed, text).await;
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Frames of a recording that cannot be read.
+//! Frames of a recording that are damaged.
 
 use imaging::recorded::RecordedError;
 use rig::Clock;
@@ -10,24 +10,39 @@ use crate::events::event::Event;
 use crate::events::kind::EventKind;
 
 impl Acquisition {
-    /// Leaves out a frame of a recording that cannot be read, and counts it as failed. The first, second, fourth,
-    /// eighth ... is an event.
-    pub(super) async fn leave_out(&self, recording: &mut Recording, error: &RecordedError) {
+    /// Leaves out a damaged frame of a recording, and counts it as failed. The first, second, fourth, eighth ... is an
+    /// event.
+    ///
+    /// # Errors
+    /// No frame is damaged: the file cannot be read, because its disk fails for instance.
+    pub(super) async fn leave_out(
+        &self,
+        recording: &mut Recording,
+        error: RecordedError,
+    ) -> Result<(), AcquisitionEnd> {
+        if !matches!(&error, RecordedError::Session(error) if error.is_damage()) {
+            return Err(AcquisitionEnd::Recording(Box::new(error)));
+        }
         let number = recording.skip();
-        self.status.count_failure();
+        let left_out = format!("frame {number} of the recording cannot be read and is left out");
+        let (at, cause) = (self.clock.wall(), chain(&error));
+        self.status
+            .count_failure(at, &format!("{left_out}: {cause}"));
         let failures = self.status.failures();
         if failures.is_power_of_two() {
-            let text = format!(
-                "frame {number} of the recording cannot be read and is left out ({failures} so far): {}",
-                chain(error)
+            let text = format!("{left_out} ({failures} so far): {cause}");
+            let event = Event::new(
+                at,
+                EventKind::FrameFailed,
+                &text,
+                Some(&self.status.facts.id),
             );
-            let (at, id) = (self.clock.wall(), Some(self.status.facts.id.as_str()));
-            let event = Event::new(at, EventKind::FrameFailed, &text, id);
             self.events.report(event.clone());
             self.record(event).await;
         }
         // lets other tasks run between many such frames
         tokio::task::yield_now().await;
+        Ok(())
     }
 
     pub(super) fn end_of_recording(&self) -> AcquisitionEnd {

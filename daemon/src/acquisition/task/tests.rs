@@ -1,5 +1,5 @@
-//! Tests of heartbeats while the recorder accepts no frame, of the longest time of a frame, and of damaged frames of a
-//! recording.
+//! Tests of heartbeats while the recorder accepts no frame, of the longest time of a frame, of missed frames, and of
+//! damaged frames of a recording.
 
 use chrono::{DateTime, Utc};
 use imaging::recorded::IndexedFrames;
@@ -10,13 +10,13 @@ use super::*;
 use crate::acquisition::playback::Playing;
 use crate::instruments::address::InstrumentAddress;
 use crate::monitoring::Counters;
+use crate::preparation::{FramesFrom, prepare};
 use crate::recording::session_status::Facts;
 
 const WALL: DateTime<Utc> = DateTime::UNIX_EPOCH;
 
-/// A session that plays a table of frames as fast as possible to this recorder.
-fn acquisition(folder: &std::path::Path, recorder: mpsc::Sender<RecorderMessage>) -> Acquisition {
-    let clock = SystemClock::new();
+/// The status of a session without frames; with `step` each frame must be granted.
+fn status_of(folder: &std::path::Path, step: bool, counters: &Arc<Counters>) -> Arc<SessionStatus> {
     let facts = Facts {
         id: "m1".to_owned(),
         kind: SessionKind::Measurement,
@@ -25,14 +25,15 @@ fn acquisition(folder: &std::path::Path, recorder: mpsc::Sender<RecorderMessage>
         method: String::new(),
         every: Duration::ZERO,
     };
-    let counters = Arc::new(Counters::new(clock));
+    let (path, counters) = (folder.join("m1"), Arc::clone(counters));
+    Arc::new(SessionStatus::new(facts, path, step, counters))
+}
+
+/// A session that plays a table of frames as fast as possible to this recorder.
+fn acquisition(folder: &std::path::Path, recorder: mpsc::Sender<RecorderMessage>) -> Acquisition {
+    let clock = SystemClock::new();
     Acquisition {
-        status: Arc::new(SessionStatus::new(
-            facts,
-            folder.join("m1"),
-            false,
-            counters,
-        )),
+        status: status_of(folder, false, &Arc::new(Counters::new(clock))),
         schedule: Schedule::default(),
         speed: None,
         clock,
@@ -125,6 +126,8 @@ async fn a_damaged_frame_of_a_recording_is_left_out() {
     let mut source = FrameSource::Recording(Box::new(Recording::new(session, playing)));
     let (recorder, mut queue) = mpsc::channel(8);
     let mut acquisition = acquisition(folder.path(), recorder);
+    let counters = Arc::new(Counters::new(acquisition.clock));
+    acquisition.status = status_of(folder.path(), false, &counters);
     let ended = acquisition.run(&mut source).await;
     assert!(
         matches!(&ended, AcquisitionEnd::Done(why) if why.contains("1 of its frames cannot be read")),
@@ -132,6 +135,8 @@ async fn a_damaged_frame_of_a_recording_is_left_out() {
     );
     let status = Arc::clone(&acquisition.status);
     assert_eq!((status.acquired(), status.failures()), (2, 1));
+    let gap = counters.last_gap().unwrap();
+    assert!(gap.text.starts_with("frame 2 of the recording"), "{gap:?}");
     drop(acquisition);
     let mut received = Vec::new();
     while let Some(message) = queue.recv().await {
@@ -142,6 +147,63 @@ async fn a_damaged_frame_of_a_recording_is_left_out() {
         });
     }
     assert_eq!(received, ["Volts(1.0)", "frame-failed", "Volts(3.0)"]);
+}
+
+#[tokio::test]
+async fn a_recording_that_cannot_be_read_leaves_out_no_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frames.csv");
+    std::fs::write(&path, "1,1,1,1\n2,2,2,2\n").unwrap();
+    let protocol = Protocol::sheffield(4).unwrap();
+    let frames = IndexedFrames::table(&path, &protocol, Amps(1.0), false).unwrap();
+    let playing = Playing {
+        frames_per_s: None,
+        speed: 0.0,
+    };
+    let mut recording = Recording::new(frames, playing);
+    let acquisition = acquisition(folder.path(), mpsc::channel(1).0);
+    let error = logbook::LogbookError::Io {
+        path,
+        attempt: "read a frame of",
+        source: std::io::Error::other("the disk was removed"),
+    };
+    let left = acquisition.leave_out(&mut recording, error.into()).await;
+    let Err(ended @ AcquisitionEnd::Recording(_)) = left else {
+        panic!("it was left out");
+    };
+    assert!(ended.text().contains("the disk was removed"), "{ended:?}");
+    assert_eq!(acquisition.status.failures(), 0);
+    assert_eq!(recording.skip(), 1);
+}
+
+#[tokio::test]
+async fn a_frame_that_nobody_granted_is_not_dropped() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("config.toml");
+    let config = "[geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 16\n[record]\n\
+                  directory = \"state\"\n";
+    std::fs::write(&path, config).unwrap();
+    let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+    let FramesFrom::Rig(plan) = &prepared.frames else {
+        panic!("it is a rig");
+    };
+    for step in [false, true] {
+        let (recorder, _queue) = mpsc::channel(8);
+        let mut acquisition = acquisition(folder.path(), recorder);
+        let counters = Arc::new(Counters::new(acquisition.clock));
+        acquisition.status = status_of(folder.path(), step, &counters);
+        acquisition.status.grant(1);
+        // many frames were due since the clock began
+        acquisition.schedule.every = Duration::from_nanos(1);
+        acquisition.progress.began = Some(Duration::ZERO);
+        let mut source = FrameSource::Rig {
+            rig: None,
+            plan: Arc::clone(plan),
+        };
+        let ended = acquisition.run(&mut source).await;
+        assert!(matches!(ended, AcquisitionEnd::NoRig), "{ended:?}");
+        assert_eq!(acquisition.status.dropped() == 0, step);
+    }
 }
 
 #[test]

@@ -80,15 +80,14 @@ impl Controller {
 
     /// Handles a failed frame: records the cause as an event, and stores its transcript.
     async fn frame_failed(&self, session: ActiveSession<'_>, error: &rig::AcquireError) {
-        session.status.count_failure();
         let number = session.status.acquired() + 1;
-        let failures = session.status.failures();
         let text = format!(
             "frame {number} failed: {}",
             crate::acquisition::failed_frame::describe(error)
         );
         let at = self.runtime().clock.wall();
-        self.observed.counters.gap(at, &survey::printable(&text));
+        session.status.count_failure(at, &text);
+        let failures = session.status.failures();
         let instrument = error.cause().and_then(rig::RigError::instrument);
         let journal = tracing::error_span!("frame", frame = number, instrument);
         self.report(Some(session), EventKind::FrameFailed, &text)

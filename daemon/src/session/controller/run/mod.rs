@@ -413,7 +413,7 @@ impl Controller {
                 AcquisitionEnd::NoRig => {
                     inner.rig_fault.get_or_insert_with(|| ended.text());
                 }
-                AcquisitionEnd::Done(_) => {}
+                AcquisitionEnd::Done(_) | AcquisitionEnd::Recording(_) => {}
             }
         }
         self.session_plan.send_replace(None);
