@@ -52,7 +52,7 @@ impl Observed {
         }
     }
 
-    /// The relay with the shortest remaining life, at the time when the counters were read.
+    /// The relay with the shortest remaining life, at the time when the counters were read; `None` before.
     pub(crate) fn relays(&self) -> Option<RelayLife> {
         let identities = locked(&self.relays);
         identities.clone()
@@ -71,6 +71,12 @@ impl Observed {
         let frames = crate::monitoring::counters::read(&self.counters.acquired);
         let worst = RelayLife::worst(wear, period, frames);
         *locked(&self.relays) = worst;
+    }
+
+    /// Forgets the relay counters: they are those of other relays, or projected with another rating.
+    pub(crate) fn forget_relays(&self) {
+        *locked(&self.projected) = None;
+        *locked(&self.relays) = None;
     }
 
     /// Address of the metrics endpoint; `None` without one.

@@ -343,9 +343,18 @@ async fn zero_current_frames_count_in_the_life_of_relays() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn relay_life_follows_a_sessions_own_measuring_options() {
-    let stage = Stage::new(&format!("{SMALL}[relay_wear]\nrelay_life_cycles = 1000\n"));
+    let config = |life, every_s| {
+        format!(
+            "{SMALL}[relay_wear]\nrelay_life_cycles = {life}\n[schedule]\nevery_s = {every_s}.0\n"
+        )
+    };
+    let stage = Stage::new(&config(1000, 0));
     let daemon = stage.start().await;
     let frame = daemon.manager.plan().await.unwrap().duration_s;
+    let life = async || within(daemon.manager.health()).await.unwrap().relay_left_s;
+    let close = |left: Option<f64>, expected: f64| {
+        left.is_some_and(|left| (left / expected - 1.0).abs() < 1e-6)
+    };
     // each measuring relay is scanned at each of 16 injections, also in the zero-current frames of the second session
     for (zero_every, used, runs) in [(None, 16, 1.0), (Some(1_u64), 48, 2.0), (None, 64, 1.0)] {
         let mut options = Options::new().with("frames", 1_u64);
@@ -355,14 +364,21 @@ async fn relay_life_follows_a_sessions_own_measuring_options() {
         let path = daemon.manager.record_baseline(&options).await.unwrap();
         let session = daemon.session(&path).await;
         crate::stage::ended(&session).await.unwrap();
-        let left = within(daemon.manager.health()).await.unwrap().relay_left_s;
+        let left = life().await;
         let frames = f64::from(1000 - used) / (16.0 * runs);
         let expected = frames * runs * frame;
         assert!(
-            left.is_some_and(|left| (left / expected - 1.0).abs() < 1e-6),
+            close(left, expected),
             "{left:?} s, {expected} s expected after {used} closures"
         );
     }
+    // the life of another rating is not that of the one before; measuring after a baseline follows the schedule
+    stage.configure(&config(2000, 60));
+    within(daemon.manager.reload()).await.unwrap();
+    assert_eq!(life().await, None);
+    daemon.baseline(1).await;
+    let (left, expected) = (life().await, f64::from(2000 - 80) / 16.0 * 60.0);
+    assert!(close(left, expected), "{left:?} s, {expected} s expected");
 }
 
 #[tokio::test(flavor = "multi_thread")]

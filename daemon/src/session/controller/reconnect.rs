@@ -256,6 +256,7 @@ impl Controller {
                 "no other instruments wait to be accepted; `tactus instruments` shows those that are known".into(),
             ));
         };
+        self.observed.forget_relays();
         self.keep_identities().await;
         let text = format!("a person agreed: {text}");
         self.report(None, EventKind::Accepted, &text).await;

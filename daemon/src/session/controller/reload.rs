@@ -173,7 +173,11 @@ impl Controller {
         };
         let ended = self.alarms.take_rules(&runtime.setup.config).await;
         self.report_changes(ended);
+        let same_rating = old.setup.config.relay_wear == runtime.setup.config.relay_wear;
         *locked(&self.runtime) = Arc::new(runtime);
+        if !same_rig || !same_rating {
+            self.observed.forget_relays();
+        }
         // the remarks depend on the model
         self.remarked.lock().await.clear();
         drop(source);

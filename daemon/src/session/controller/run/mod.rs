@@ -80,8 +80,12 @@ impl Controller {
                 .await
                 .map_err(Fault::InstrumentFault)?;
         }
-        self.read_relay_wear(order.plan.clone(), order.schedule.every)
-            .await;
+        // a baseline has no schedule of its own, and measuring continues with the configured one
+        let every = match order.work {
+            Work::Baseline => runtime.setup.schedule.every,
+            Work::Measurement | Work::Test => order.schedule.every,
+        };
+        self.read_relay_wear(order.plan.clone(), every).await;
         let started = runtime.clock.wall();
         let (kind, payload) = match order.work {
             Work::Baseline => (SessionKind::Baseline, 'b'),
