@@ -29,6 +29,14 @@ fn status_of(folder: &std::path::Path, step: bool, counters: &Arc<Counters>) -> 
     Arc::new(SessionStatus::new(facts, path, step, counters))
 }
 
+fn as_fast_as_possible(frames: IndexedFrames) -> Recording {
+    let playing = Playing {
+        frames_per_s: None,
+        speed: 0.0,
+    };
+    Recording::new(frames, playing)
+}
+
 /// A session that plays a table of frames as fast as possible to this recorder.
 fn acquisition(folder: &std::path::Path, recorder: mpsc::Sender<RecorderMessage>) -> Acquisition {
     let clock = SystemClock::new();
@@ -56,11 +64,7 @@ async fn acquisition_that_waits_for_the_recorder_is_no_hang() {
     std::fs::write(&path, "1,1,1,1\n2,2,2,2\n3,3,3,3\n").unwrap();
     let protocol = Protocol::sheffield(4).unwrap();
     let frames = IndexedFrames::table(&path, &protocol, Amps(1.0), false).unwrap();
-    let playing = Playing {
-        frames_per_s: None,
-        speed: 0.0,
-    };
-    let mut source = FrameSource::Recording(Box::new(Recording::new(frames, playing)));
+    let mut source = FrameSource::Recording(Box::new(as_fast_as_possible(frames)));
     // the second frame waits, as at a full disk
     let (recorder, mut queue) = mpsc::channel(1);
     let mut acquisition = acquisition(folder.path(), recorder);
@@ -119,11 +123,7 @@ async fn a_damaged_frame_of_a_recording_is_left_out() {
     file.execute(damage, []).unwrap();
     drop(file);
     let (session, _) = IndexedFrames::session(&path, false).unwrap();
-    let playing = Playing {
-        frames_per_s: None,
-        speed: 0.0,
-    };
-    let mut source = FrameSource::Recording(Box::new(Recording::new(session, playing)));
+    let mut source = FrameSource::Recording(Box::new(as_fast_as_possible(session)));
     let (recorder, mut queue) = mpsc::channel(8);
     let mut acquisition = acquisition(folder.path(), recorder);
     let counters = Arc::new(Counters::new(acquisition.clock));
@@ -156,11 +156,7 @@ async fn a_recording_that_cannot_be_read_leaves_out_no_frame() {
     std::fs::write(&path, "1,1,1,1\n2,2,2,2\n").unwrap();
     let protocol = Protocol::sheffield(4).unwrap();
     let frames = IndexedFrames::table(&path, &protocol, Amps(1.0), false).unwrap();
-    let playing = Playing {
-        frames_per_s: None,
-        speed: 0.0,
-    };
-    let mut recording = Recording::new(frames, playing);
+    let mut recording = as_fast_as_possible(frames);
     let acquisition = acquisition(folder.path(), mpsc::channel(1).0);
     let error = logbook::LogbookError::Io {
         path,

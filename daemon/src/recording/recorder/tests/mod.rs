@@ -81,25 +81,34 @@ struct Scene {
     free: Arc<AtomicU64>,
 }
 
+/// A recorder with a method controlled by the test, and the channels for both.
+type Begun = (
+    Scene,
+    Recorder,
+    mpsc::Receiver<RecorderMessage>,
+    sync::Sender<Do>,
+);
+
 impl Scene {
-    /// A recorder with a method controlled by the test, and the channels for both.
-    fn new() -> (
-        Self,
-        Recorder,
-        mpsc::Receiver<RecorderMessage>,
-        sync::Sender<Do>,
-    ) {
+    fn new() -> Begun {
         Self::with(RecordSection::default())
     }
 
-    fn with(
-        section: RecordSection,
-    ) -> (
-        Self,
-        Recorder,
-        mpsc::Receiver<RecorderMessage>,
-        sync::Sender<Do>,
-    ) {
+    fn ring() -> Begun {
+        Self::with(RecordSection {
+            when_full: FullName::Ring,
+            ..RecordSection::default()
+        })
+    }
+
+    fn daily() -> Begun {
+        Self::with(RecordSection {
+            roll_daily: true,
+            ..RecordSection::default()
+        })
+    }
+
+    fn with(section: RecordSection) -> Begun {
         let free = Arc::new(AtomicU64::new(AMPLE_SPACE));
         let left = Arc::clone(&free);
         let folder = tempfile::tempdir().unwrap();
@@ -400,10 +409,7 @@ fn stopping_a_session_on_a_full_disk_does_not_wait() {
 
 #[test]
 fn new_day_begins_a_part_and_a_set_clock_is_reported() {
-    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
-        roll_daily: true,
-        ..RecordSection::default()
-    });
+    let (scene, recorder, queue, tell) = Scene::daily();
     for _ in 0..4 {
         tell.send(Do::Map).unwrap();
     }
@@ -432,10 +438,7 @@ fn new_day_begins_a_part_and_a_set_clock_is_reported() {
 
 #[test]
 fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
-    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
-        when_full: FullName::Ring,
-        ..RecordSection::default()
-    });
+    let (scene, recorder, queue, tell) = Scene::ring();
     tell.send(Do::Map).unwrap();
     let path = scene.closed_session("m0");
     scene.free.store(0, Ordering::SeqCst);
@@ -453,10 +456,7 @@ fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
 
 #[test]
 fn a_ring_that_can_delete_nothing_waits_for_space() {
-    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
-        when_full: FullName::Ring,
-        ..RecordSection::default()
-    });
+    let (scene, recorder, queue, tell) = Scene::ring();
     tell.send(Do::Map).unwrap();
     let path = scene.closed_session("m0");
     // a folder in place of the log of deletions, which can therefore not be written
@@ -483,10 +483,7 @@ fn a_ring_that_can_delete_nothing_waits_for_space() {
 
 #[test]
 fn deletions_of_a_ring_before_a_failure_are_recorded() {
-    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
-        when_full: FullName::Ring,
-        ..RecordSection::default()
-    });
+    let (scene, recorder, queue, tell) = Scene::ring();
     tell.send(Do::Map).unwrap();
     let first = scene.closed_session("m00");
     let second = scene.closed_session("m01");

@@ -4,10 +4,7 @@ use crate::recording::recorder::tests::*;
 
 #[test]
 fn part_of_a_new_day_begins_when_a_lock_is_released() {
-    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
-        roll_daily: true,
-        ..RecordSection::default()
-    });
+    let (scene, recorder, queue, tell) = Scene::daily();
     for _ in 0..3 {
         tell.send(Do::Map).unwrap();
     }
@@ -38,10 +35,7 @@ fn part_of_a_new_day_begins_when_a_lock_is_released() {
 
 #[test]
 fn a_refused_part_is_reported_at_its_start_and_end() {
-    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
-        roll_daily: true,
-        ..RecordSection::default()
-    });
+    let (scene, recorder, queue, tell) = Scene::daily();
     for _ in 0..4 {
         tell.send(Do::Map).unwrap();
     }
