@@ -48,10 +48,7 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
         .replace("preset = \"paper-sheet\"", "preset = \"disc-tank\"")
         .replace("# [geometry.disc-tank]", "[geometry.disc-tank]")
         .replace("# electrodes = 16", "electrodes = 26\nfineness = 0.25");
-    let mut lines: Vec<Vec<u8>> = small
-        .lines()
-        .map(|line| line.as_bytes().to_vec())
-        .collect();
+    let mut lines: Vec<Vec<u8>> = small.lines().map(|line| line.as_bytes().to_vec()).collect();
     while let Some((&[order, line, at, length], rest)) = orders.split_first_chunk() {
         let (new, rest) = rest.split_at(usize::from(length % 24).min(rest.len()));
         orders = rest;

@@ -25,7 +25,9 @@ fuzz_target!(|bytes: &[u8]| {
     };
     RUNTIME.with(|runtime| {
         runtime.block_on(async {
-            let Ok(mut board) = GpioMux::connect_with(link, options).await else { return };
+            let Ok(mut board) = GpioMux::connect_with(link, options).await else {
+                return;
+            };
             let pair = vec![Relay(101), Relay(202)];
             board.move_relays(&[Move::Close(pair.clone())]).await.ok();
             let both = vec![Relay(105), Relay(205)];
@@ -37,7 +39,10 @@ fuzz_target!(|bytes: &[u8]| {
             if let Ok(states) = board.closed(&pair).await {
                 assert_eq!(states.len(), 2);
             }
-            board.move_relays(&[Move::Open(pair.clone()), Move::Close(vec![Relay(309)])]).await.ok();
+            board
+                .move_relays(&[Move::Open(pair.clone()), Move::Close(vec![Relay(309)])])
+                .await
+                .ok();
             board.open_verified(&pair).await.ok();
         });
     });

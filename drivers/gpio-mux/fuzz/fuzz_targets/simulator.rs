@@ -50,7 +50,9 @@ fuzz_target!(|bytes: &[u8]| {
             match line.parse::<Command>() {
                 Ok(command) => {
                     assert_eq!(command.to_string().parse(), Ok(command));
-                    if let Command::Set(..) | Command::Pair(..) | Command::Off | Command::AskState = command {
+                    if let Command::Set(..) | Command::Pair(..) | Command::Off | Command::AskState =
+                        command
+                    {
                         let state = reply.parse::<State>();
                         assert!(state.is_ok() || error_in_reply(&reply).is_some());
                         assert!(state.is_err() || state == Ok(board.state()));

@@ -21,7 +21,9 @@ fuzz_target!(|bytes: &[u8]| {
     let link = Link::new(Peer::new(&START, bytes), "6221", Duration::from_millis(10));
     RUNTIME.with(|runtime| {
         runtime.block_on(async {
-            let Ok(mut source) = Keithley6221::connect(link).await else { return };
+            let Ok(mut source) = Keithley6221::connect(link).await else {
+                return;
+            };
             let prepared = source.prepare(Amps(1e-3), Volts(10.0)).await.is_ok();
             // a level is set only on a prepared range
             assert!(source.set_current(Amps(1e-3)).await.is_err() || prepared);

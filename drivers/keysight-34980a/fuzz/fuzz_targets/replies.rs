@@ -29,20 +29,33 @@ const START: [&str; 9] = [
 const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
 
 fuzz_target!(|bytes: &[u8]| {
-    let link = Link::new(Peer::new(&START, bytes), "34980A", Duration::from_millis(10));
+    let link = Link::new(
+        Peer::new(&START, bytes),
+        "34980A",
+        Duration::from_millis(10),
+    );
     let way = bytes.first().copied().unwrap_or(0) >> 1;
     RUNTIME.with(|runtime| {
         runtime.block_on(async {
-            let Ok(mut unit) = Keysight34980a::connect(link).await else { return };
+            let Ok(mut unit) = Keysight34980a::connect(link).await else {
+                return;
+            };
             let wiring = keysight_34980a::pairs_34924a(1, 4).expect("four pairs fit");
             let fits = unit.check_wiring(&wiring).is_ok();
             let (inject, measure) = (wiring.injecting_relays(), wiring.measuring_relays());
-            let scan = if way % 2 == 0 { measure.clone() } else { Vec::new() };
+            let scan = if way % 2 == 0 {
+                measure.clone()
+            } else {
+                Vec::new()
+            };
             if way % 3 == 0 {
                 unit.prepare(METER, &scan).await.ok();
             }
             let moved = unit.move_relays(&[Move::Close(vec![Relay(1036)])]).await;
-            assert!(moved.is_err() || fits, "a relay moved on a module that lacks it");
+            assert!(
+                moved.is_err() || fits,
+                "a relay moved on a module that lacks it"
+            );
             if let Ok(counts) = unit.relay_cycles(&inject).await {
                 assert_eq!(counts.len(), inject.len());
             }

@@ -35,7 +35,14 @@ fuzz_target!(|bytes: &[u8]| {
         memory: 200,
         ..Settings34980a::default()
     };
-    let modules = ["34924A", "34921A", "34925A", "34934A,4x32", "34932A,4x32", "34934A,none"];
+    let modules = [
+        "34924A",
+        "34921A",
+        "34925A",
+        "34934A,4x32",
+        "34932A,4x32",
+        "34934A,none",
+    ];
     for (slot, module) in settings.slots.iter_mut().zip(modules) {
         *slot = Some(module.parse::<Module>().expect("each is a module"));
     }
@@ -63,7 +70,10 @@ fuzz_target!(|bytes: &[u8]| {
             response.busy
         };
         assert!(unit.errors_waiting() <= 20);
-        assert!(unit.due().is_none_or(|due| due + Duration::from_secs(1) > at));
+        assert!(
+            unit.due()
+                .is_none_or(|due| due + Duration::from_secs(1) > at)
+        );
         at += busy.min(Duration::from_secs(5)) + Duration::from_millis(3);
         unit.pass(at, &mut wires);
     }

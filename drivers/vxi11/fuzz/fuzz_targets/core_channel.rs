@@ -122,15 +122,28 @@ async fn converse(sent: Vec<u8>) {
     }
     assert!(rest.is_empty());
     let mut other = Client::new(channel.connect());
-    let link = other.create_link("inst0").await.expect("the other client is served");
-    other.write(link, b"*IDN?\n").await.expect("the other client is served");
-    let reply = other.read(link, 64).await.expect("the other client is served");
+    let link = other
+        .create_link("inst0")
+        .await
+        .expect("the other client is served");
+    other
+        .write(link, b"*IDN?\n")
+        .await
+        .expect("the other client is served");
+    let reply = other
+        .read(link, 64)
+        .await
+        .expect("the other client is served");
     assert_eq!(reply, b"*IDN?");
 }
 
 fuzz_target!(|bytes: &[u8]| {
     let mut builder = tokio::runtime::Builder::new_current_thread();
-    let runtime = builder.enable_time().start_paused(true).build().expect("a runtime");
+    let runtime = builder
+        .enable_time()
+        .start_paused(true)
+        .build()
+        .expect("a runtime");
     // each call may request two waits of up to 50 days: for a lock, and for a reply
     let limit = Duration::from_secs(86_400 * 36_500);
     let talk = async { tokio::time::timeout(limit, converse(records(bytes))).await };

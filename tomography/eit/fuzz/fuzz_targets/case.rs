@@ -43,7 +43,8 @@ fuzz_target!(|bytes: &[u8]| {
     let path = folder.path.join(FILES[which]);
     put(&path, &text);
     if let Ok(case) = Case::read(&folder.path) {
-        case.write(&folder.again, Existing::Replace).expect("a case that was read");
+        case.write(&folder.again, Existing::Replace)
+            .expect("a case that was read");
         let again = Case::read(&folder.again).expect("a case that was written");
         assert_eq!(again, case);
         let _ = std::fs::remove_dir_all(&folder.again);
