@@ -335,7 +335,7 @@ fn report(methods: &[Method], presses: &[Press]) {
     println!(
         "\n  The RBF networks are the paper's: 100 centres, trained on polygons of up to 70 mm. They are too coarse for a\n  \
          10 mm disc, and the paper's jitter (rbf-paper) is larger than the 20 to 140 uV by which such a press changes\n  \
-         the readings. Nothing is hidden: the linear one-step method finds what they blur."
+         the readings. The linear one-step method locates these presses."
     );
 }
 

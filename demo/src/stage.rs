@@ -30,7 +30,7 @@ pub enum StageError {
         cause: io::Error,
     },
     /// The daemon exited, or did not report within the timeout that it is ready.
-    #[error("tactusd was not ready within {deadline:?}; it said:\n{stderr}")]
+    #[error("tactusd was not ready within {deadline:?}; its standard error:\n{stderr}")]
     NotReady {
         /// The timeout.
         deadline: Duration,

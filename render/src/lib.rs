@@ -180,7 +180,9 @@ pub enum PictureError {
         limit: &'static str,
     },
     /// A point that cannot be drawn on its chart.
-    #[error("a point at {across} across and {up} up cannot be drawn")]
+    #[error(
+        "the point ({across}, {up}) cannot be drawn; its coordinates must be finite, and above 0 on a logarithmic axis"
+    )]
     Point {
         /// Its abscissa.
         across: f64,
@@ -238,7 +240,9 @@ impl Sheet {
         let (width, height) = (extent.width(), extent.height());
         // not `<=`, because an empty sheet gives NaN or -infinity here
         if !(width > 0.0 && height > 0.0 && width / height < 1e3 && height / width < 1e3) {
-            return Err(PictureError::Sheet("it has no area, or is a mere line"));
+            return Err(PictureError::Sheet(
+                "it has no area, or is more than 1000 times as long as wide",
+            ));
         }
         Ok(extent)
     }

@@ -135,7 +135,7 @@ pub enum Command {
     },
     /// Show the events of the daemon and of all its sessions
     Log(Log),
-    /// List the alarms that are active, not acknowledged or cannot be judged; acknowledge, shelve, reset them (exit code 1 where one is active)
+    /// List the alarms that are active, not acknowledged or cannot be judged; acknowledge, shelve, reset them (exit code 1 if one is active)
     Alarms(AlarmsCommand),
     /// Test the notification command of [notify]
     Notify {

@@ -50,11 +50,11 @@ pub struct Sessions {
     #[cfg(feature = "archive")]
     #[arg(long)]
     pub archive: bool,
-    /// Only of this site of the archive [default: all that the role may see]
+    /// Only sessions of this site of the archive [default: all sites that the role may see]
     #[cfg(feature = "archive")]
     #[arg(long, value_name = "NAME", requires = "archive")]
     pub site: Option<String>,
-    /// Only of this machine of the archive [default: all]
+    /// Only sessions of this machine of the archive [default: all]
     #[cfg(feature = "archive")]
     #[arg(long, value_name = "NAME", requires = "archive")]
     pub daq: Option<String>,
@@ -213,7 +213,7 @@ pub struct RecordingSource {
     /// Begin with this frame: its number, a time since the first frame (10m), or a time ('2026-11-22 14:00' local, 2026-11-22T14:00:00Z) [default: the first]
     #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
     pub from: Option<Moment>,
-    /// End with this frame, as --from names it [default: the last]
+    /// End with this frame, in the form of --from [default: the last]
     #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
     pub to: Option<Moment>,
 }
@@ -283,7 +283,7 @@ pub struct Quantities {
     /// Only this quantity, e.g. load, ppi, unrelieved; may be repeated [default: all]
     #[arg(long = "quantity", value_name = "NAME", value_parser = quantity)]
     pub quantities: Vec<Quantity>,
-    /// Length of a span, in whole seconds: smallest, mean and largest value of its frames are printed [default: 1m; of frames without times all are one span]
+    /// Length of a span, in whole seconds; the smallest, mean and largest value of the frames in each span are printed [default: 1m; frames without times form one span]
     #[arg(long, value_name = "SPAN", value_parser = whole_seconds)]
     pub every: Option<Duration>,
     /// Print each frame instead, with standard deviations

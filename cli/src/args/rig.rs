@@ -11,7 +11,7 @@ use super::{Replacing, span};
 /// Commands of `instruments`.
 #[derive(Debug, Subcommand)]
 pub enum InstrumentsCommand {
-    /// Switch the source off and open every relay, verify both; then measuring is allowed again if relays were found closed at the start
+    /// Switch the source off, open every relay and verify both; if relays were found closed at the start, this allows measuring again
     OpenAll,
     /// Accept the instruments or modules that were found in place of the expected ones
     Accept,
@@ -23,7 +23,7 @@ pub enum InstrumentsCommand {
     },
     /// Show the closures of each relay and its remaining life
     Relays,
-    /// Search for instruments and propose lines of configuration; uses none of them (without a daemon: tactusd --discover)
+    /// Search for instruments and propose lines of configuration; changes neither instruments nor configuration (without a daemon: tactusd --discover)
     Discover(Discover),
 }
 

@@ -73,7 +73,7 @@ pub struct Start {
     /// Baseline to subtract: an id, the beginning of one, or `last` [default: the current one]
     #[arg(long, value_name = "ID")]
     pub baseline: Option<String>,
-    /// For recordings: speed in times the recorded rate; 0 as fast as possible (default: the recorded rate)
+    /// For recordings: speed as a multiple of the recorded rate; 0: as fast as possible (default: the recorded rate)
     #[arg(long, value_name = "FACTOR", value_parser = speed, allow_hyphen_values = true, conflicts_with_all = ["every", "step"])]
     pub speed: Option<f64>,
     /// Take frames only on `tactus step`

@@ -207,7 +207,7 @@ fn resolve_id<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failu
 
 fn timed_out(what: &str, patience: Duration) -> Failure {
     Failure::Timeout(format!(
-        "{what}: no reply within {}; read its journal, or wait longer with --timeout",
+        "{what}: no reply within {}; read the daemon's journal, or wait longer with --timeout",
         crate::options::duration::display_span(patience)
     ))
 }
@@ -248,7 +248,7 @@ fn readable_reason(reason: &str) -> String {
     }
     text.replace("I/O error: ", "")
         .replace("No such file or directory", "nothing is there")
-        .replace("Connection refused", "nobody listens there")
+        .replace("Connection refused", "no program listens there")
 }
 
 /// The daemon's error, with advice if its text has none.
@@ -314,7 +314,7 @@ fn undelivered(what: &str, name: &str, message: &str) -> Failure {
         }
         "UnknownObject" => Failure::Missing(format!("{what}: {message}")),
         "UnknownMethod" | "UnknownInterface" | "UnknownProperty" => Failure::Missing(format!(
-            "{what}: the daemon does not have this call ({message}); is it of another version than this tactus?"
+            "{what}: the daemon does not have this call ({message}); if `tactus --version` and `tactusd --version` differ, install the same version of both"
         )),
         "ServiceUnknown" | "NameHasNoOwner" | "NoReply" | "Disconnected" | "NoServer" => {
             no_longer_running(what, message)
@@ -327,6 +327,6 @@ fn undelivered(what: &str, name: &str, message: &str) -> Failure {
 
 fn no_longer_running(what: &str, message: &str) -> Failure {
     Failure::Missing(format!(
-        "{what}: the daemon ended ({message}); read its journal, then start it with `systemctl start tactusd`"
+        "{what}: the daemon ended ({message}); read the daemon's journal, then start it with `systemctl start tactusd`"
     ))
 }

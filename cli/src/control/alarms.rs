@@ -80,7 +80,7 @@ pub(crate) async fn run(
             Some(alarm) => {
                 printer.record(alarm, |alarm| format!("{}: {}", alarm.name, state(alarm)))
             }
-            None => printer.text(&format!("{}: is gone", order.name())),
+            None => printer.text(&format!("{}: this alarm no longer exists", order.name())),
         };
     }
     print(&listed, requested.all, printer)?;

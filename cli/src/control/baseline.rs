@@ -16,7 +16,7 @@ use crate::output::Printer;
 use crate::output::time::local;
 
 /// The last line of a recording without a warning.
-const NO_REMARK: &str = "no warning; a load that is on the sheet nevertheless appears in no map until a new baseline is recorded";
+const NO_REMARK: &str = "no warning; if a load was on the sheet during the recording, no map shows it until a new baseline is recorded";
 
 /// The line of `baseline show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -227,7 +227,7 @@ fn for_a_person(shown: &BaselineLine, wall: DateTime<chrono::Utc>) -> String {
     if let Some(tracked) = &shown.tracked {
         text.push_str(&format!(
             "\ntracked    since {}, until {} (frame {} of {}); last empty {}\n\
-             drift      {:.3} since the baseline (rms), known to {:.3}, pace {}",
+             drift      {:.3} since the baseline (rms), standard deviation {:.3}, {} times the built-in rate",
             local(tracked.since),
             local(tracked.until),
             tracked.sequence,
@@ -256,9 +256,9 @@ fn by_kind(drift: &DriftSummary) -> String {
     let [x, y] = drift.local_at_mm;
     format!(
         "\n  gain     {:+.2} % ({:.3})\n  \
-         contacts {:.1} % rms, most {:+.1} % at electrode {} ({:.3})\n  \
+         contacts {:.1} % rms, largest {:+.1} % at electrode {} ({:.3})\n  \
          field    {:.2} % rms ({:.3})\n  \
-         local    most {:+.2} % at ({x:.0}, {y:.0}) mm ({:.3})",
+         local    largest {:+.2} % at ({x:.0}, {y:.0}) mm ({:.3})",
         drift.gain_percent,
         volts(drift.gain_uv),
         drift.contacts_percent,

@@ -46,7 +46,7 @@ pub(crate) fn remark_on_baseline(remarks: &[String]) -> Option<String> {
 pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
     let mut lines = Vec::new();
     lines.push(match (&health.last_frame, health.backlog) {
-        (None, _) => "last frame none since the daemon began".to_owned(),
+        (None, _) => "last frame none since the daemon started".to_owned(),
         (Some(frame), backlog) => format!(
             "last frame {} of {}, {} ago{}",
             frame.sequence,
@@ -94,7 +94,7 @@ pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
     lines.push(match &health.relay {
         None => "relays     wear not read yet; `tactus instruments relays` reads it".to_owned(),
         Some(life) => format!(
-            "relays     relay {} first: {:.1} % of its life used{}",
+            "relays     relay {} wears out first: {:.1} % of its life used{}",
             life.relay,
             100.0 * life.used,
             match life.left_s {
@@ -182,7 +182,7 @@ mod tests {
             "frame 9 failed: late",
             "rig        source ready, switch+voltmeter cannot be used (see the verdict)",
             "disk       3 days left (12.3 GB free, 4100.0 MB a day)",
-            "relays     relay 1042 first: 12.5 % of its life used, 40.0 d of measuring left",
+            "relays     relay 1042 wears out first: 12.5 % of its life used, 40.0 d of measuring left",
         ] {
             assert!(text.contains(wanted), "{wanted}\n{text}");
         }

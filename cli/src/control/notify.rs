@@ -58,7 +58,8 @@ pub(crate) async fn test(
         return Ok(());
     }
     Err(Failure::Failed(
-        "nobody would be notified; see [notify] command of the daemon's configuration".to_owned(),
+        "nobody would be notified; correct [notify] command in the daemon's configuration"
+            .to_owned(),
     ))
 }
 

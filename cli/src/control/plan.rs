@@ -144,7 +144,7 @@ fn describe(measuring: &Measuring) -> String {
         ));
     }
     if measuring.reversal {
-        words.push("current both ways".to_owned());
+        words.push("both polarities of the current".to_owned());
     }
     if measuring.zero_every > 0 {
         words.push(format!(

@@ -38,7 +38,7 @@ fn last_map(map: &MapSummary) -> String {
         text.push_str(", not known to be true (`tactus watch` shows why)");
     }
     if let Some(seconds) = map.reconstruction_s {
-        text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
+        text.push_str(&format!(", computed in {:.3} ms", 1e3 * seconds));
     }
     text
 }
@@ -211,7 +211,7 @@ mod tests {
         let mut status = status();
         let text = for_a_person(&status);
         let loss =
-            "map        frame 7: largest relative loss of conductance 0.250, made in 1.250 ms";
+            "map        frame 7: largest relative loss of conductance 0.250, computed in 1.250 ms";
         assert!(text.contains(loss), "{text}");
         assert!(!text.contains("kPa") && !text.contains(" N,"), "{text}");
         let map = status.session.as_mut().unwrap().map.as_mut().unwrap();

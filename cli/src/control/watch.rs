@@ -79,7 +79,7 @@ pub(crate) async fn run(
     stream.set_nonblocking(true).map_err(unreadable)?;
     let stream = tokio::net::UnixStream::from_std(stream).map_err(unreadable)?;
     let listening = async { Ok(daemon.manager.receive_happened().await?) };
-    let mut news = daemon.ask("the news", listening).await?;
+    let mut news = daemon.ask("the events", listening).await?;
     let listening = async { session.receive_frame_done().await.map_err(Into::into) };
     let mut frames = daemon.ask("the frames", listening).await?;
     let on_screen = maps && printer.is_terminal() && !watch.no_map;

@@ -158,11 +158,11 @@ pub(crate) fn run(
     }
     if bad > 0 {
         return Err(Failure::Failed(format!(
-            "{bad} of {} checks are bad, {warned} warn",
+            "{bad} of {} checks failed, {warned} warnings",
             findings.len()
         )));
     }
-    printer.text(&format!("nothing is bad; {warned} warnings"))
+    printer.text(&format!("no check failed; {warned} warnings"))
 }
 
 #[cfg(test)]

@@ -230,14 +230,14 @@ async fn system_bus(wanted: &DoctorConfig) -> Vec<Finding> {
             Some(true) => Finding::ok("system bus", format!("{} is owned", dbus::BUS_NAME)),
             _ => Finding::warn(
                 "system bus",
-                format!("nobody owns {}", dbus::BUS_NAME),
+                format!("no process owns {}", dbus::BUS_NAME),
                 "`sudo systemctl start tactusd`",
             ),
         });
         if owned("org.freedesktop.PolicyKit1").await != Some(true) {
             findings.push(Finding::warn(
                 "polkit",
-                "polkit does not run: only root and the group tactus may do anything",
+                "polkit does not run: on the system bus only root and the group tactus have control; others can only read",
                 "`sudo apt install polkitd`, unless this is intended",
             ));
         }

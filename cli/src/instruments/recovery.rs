@@ -67,7 +67,7 @@ pub(crate) async fn transcript(
         .await?;
     if lines.is_empty() {
         return Err(Failure::Missing(
-            "no message has been exchanged with an instrument yet; a recording has none".to_owned(),
+            "there is no transcript: no message was exchanged with an instrument yet; a recording has no instruments".to_owned(),
         ));
     }
     match &requested.out {

@@ -209,7 +209,7 @@ pub(crate) async fn relays(
         "rated",
         "used",
         "left at this rate",
-        "what it does",
+        "purpose",
     ];
     let lines: Vec<WearLine> = relays.into_iter().map(wear_line).collect();
     printer.table(heading, &lines, |wear| {

@@ -44,7 +44,7 @@ impl Field {
     pub(crate) fn from_bus(geometry: &dbus::Geometry) -> Result<Self, Failure> {
         let (Some(triangles), Some(outline)) = (geometry.corners(), geometry.loops()) else {
             return Err(Failure::Failed(
-                "the daemon's geometry is inconsistent; is it of another version than this tactus?"
+                "the daemon's geometry is inconsistent; if `tactus --version` and `tactusd --version` differ, install the same version of both"
                     .to_owned(),
             ));
         };

@@ -51,7 +51,7 @@ impl Follower {
         if let Some(state) = recording.tracking()? {
             tracking.restore(state).map_err(|error| {
                 Failure::failed(
-                    "the baseline cannot be tracked as in the session; --baseline or --tracked=off works without its state",
+                    "the baseline cannot be tracked as in the session; give --baseline or --tracked=off, which do not use the session's tracking state",
                     &error,
                 )
             })?;

@@ -102,7 +102,7 @@ pub(crate) async fn follow(
     // subscribed before the records are read, so that no event is missed
     let listening = daemon.manager.receive_happened();
     let mut happened = daemon
-        .ask("its events", async { Ok(listening.await?) })
+        .ask("the events", async { Ok(listening.await?) })
         .await?;
     let directory = daemon
         .ask("the record", daemon.manager.record_directory())

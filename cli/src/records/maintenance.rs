@@ -68,7 +68,7 @@ fn verify(
     match broken {
         0 => Ok(()),
         _ => Err(Failure::Failed(format!(
-            "{broken} of {checked} sessions are not whole; `tactus sessions repair SESSION` copies the readable \
+            "{broken} of {checked} sessions have defects; `tactus sessions repair SESSION` copies the readable \
              frames of a damaged file"
         ))),
     }
@@ -188,8 +188,8 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
         ring: false,
     };
     let (verb, participle) = match asked.dry_run {
-        true => ("would go", "would be removed"),
-        false => ("went", "were removed"),
+        true => ("would be removed", "would be removed"),
+        false => ("was removed", "were removed"),
     };
     let (mut count, mut bytes) = (0, 0);
     let mut failed = None;
@@ -238,7 +238,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
                 bytes: None,
                 why: &spared.why,
             };
-            printer.record(&line, |line| format!("{} stays: {}", line.id, line.why))?;
+            printer.record(&line, |line| format!("{} is kept: {}", line.id, line.why))?;
         }
     }
     printer.text(&format!(

@@ -147,7 +147,10 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
         folder.path(),
         &[&exported_only[..], &["--dry-run"]].concat(),
     );
-    assert!(message.contains("m20270115_1 would go"), "{message}");
+    assert!(
+        message.contains("m20270115_1 would be removed"),
+        "{message}"
+    );
     assert!(first.exists());
     let message = lines(&done(
         folder.path(),
@@ -171,7 +174,7 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
     // all sessions of these tests are dated 2027, so that none counts as old; a limit of zero bytes cannot be reached
     assert!(refused(folder.path(), &["sessions", "prune"], 2).contains("--older-than"));
     let message = done(folder.path(), &["sessions", "prune", "--keep-bytes", "0"]);
-    assert!(message.contains("m2 went"), "{message}");
+    assert!(message.contains("m2 was removed"), "{message}");
     assert!(!second.exists());
 }
 
@@ -190,7 +193,7 @@ fn sessions_removed_in_spite_of_a_failure_are_listed() {
     assert!(message.contains("m2-failed-1.json"), "{message}");
     let printed = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
-        printed.contains("m1 went") && printed.contains("m3 went"),
+        printed.contains("m1 was removed") && printed.contains("m3 was removed"),
         "{printed}"
     );
     assert!(printed.contains("2 sessions were removed"), "{printed}");

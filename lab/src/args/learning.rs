@@ -108,7 +108,7 @@ pub(crate) struct DataOptions {
     /// gamma of the profile `paper`, a number: share of the standard deviation of the normalised baseline [default: 0.01]
     #[arg(long, value_parser = gamma)]
     pub(crate) gamma: Option<f64>,
-    /// Noise of one reading for the profiles `matched` and `months`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn [default: 2e-6]
+    /// Noise of one reading for the profiles `matched` and `months`, V: less than the largest reading of the case, and more than 1 mV only with --yes. For `matched` repeatable: the copies of a case use the levels in turn [default: 2e-6]
     #[arg(long, value_name = "SD", value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
     /// Allow training for more than 1 mV of noise, and write a model even if it is no better than empty maps
@@ -144,7 +144,7 @@ pub(crate) struct TrainOptions {
     /// The same seed gives the same file
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
-    /// Width of the neurons in times of Eq. 13's spread
+    /// Width of the neurons as a multiple of the spread of Eq. 13
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = spread_times)]
     pub(crate) spread_times: f64,
     /// Model file to write

@@ -92,9 +92,9 @@ pub(crate) enum Command {
     Merit(MeritOptions),
     /// Reconstruct maps of recorded frames
     Reconstruct(ReconstructOptions),
-    /// Run the hard cases: naive code and this code against a bound
+    /// Run the numerically hard cases with naive code and with this code, and compare each error with a bound
     Stability(StabilityOptions),
-    /// Test the check of maps on healthy frames and on faults of the rig
+    /// Test the quality check of maps on healthy frames and on frames with faults of the rig
     Honesty(HonestyOptions),
     /// Measure where presses are found over months of drift, with the baseline of day 0 and with a tracked one
     Months(MonthsOptions),
@@ -176,7 +176,7 @@ pub(crate) struct DatasetOptions {
     /// Relative loss of conductance under the largest pressure of --recorded, a number above 0 and at most 1; without masses under every press [default: the column loss of presses.csv, else 0.5]
     #[arg(long, value_name = "X", requires = "recorded", value_parser = numbers::loss, allow_hyphen_values = true)]
     pub(crate) loss: Option<f64>,
-    /// Make a set of fewer recorded presses than a frame has readings
+    /// Allow a set with fewer recorded presses than a frame has readings
     #[arg(long, requires = "recorded")]
     pub(crate) yes: bool,
     /// Random seed; the set does not depend on the shards [default: 1, or that of the settings]
@@ -185,8 +185,8 @@ pub(crate) struct DatasetOptions {
     /// Cases of the whole set [default: 15000, or that of the settings]
     #[arg(long, value_name = "N", value_parser = set_cases)]
     pub(crate) cases: Option<usize>,
-    /// Algorithm 1 with other parameters, and the paper's open readings: TOML with the keys of the training settings by which cases
-    /// are drawn, e.g. polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"
+    /// TOML file with other parameters of Algorithm 1 and other choices where the paper leaves one open: the training settings that
+    /// determine the cases, e.g. polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"
     #[arg(long, value_name = "FILE")]
     pub(crate) settings: Option<PathBuf>,
     /// Case folder of the geometry [default: the preset of the paper's sheet at 1 mA]

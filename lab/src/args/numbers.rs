@@ -28,7 +28,7 @@ pub(crate) fn neurons(text: &str) -> Result<usize, String> {
     Bounds::Within(1.0, 1e5).parse_count(text)
 }
 
-/// Width of the neurons in times of Eq. 13's spread.
+/// Width of the neurons as a multiple of the spread of Eq. 13.
 pub(crate) fn spread_times(text: &str) -> Result<f64, String> {
     Bounds::Above(0.0, 1e3).parse(text)
 }

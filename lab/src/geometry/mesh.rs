@@ -64,7 +64,7 @@ pub(crate) fn case(preset: &Preset, current: Amps) -> Result<Case, Failure> {
     Geometry::from_preset(preset)
         .map_err(|fault| Failure::because(survey::error_chain(&fault)))?
         .case(current)
-        .map_err(|fault| Failure::of("no protocol for this ring", &fault))
+        .map_err(|fault| Failure::of("a protocol for these electrodes cannot be made", &fault))
 }
 
 /// The case as the cross-section of a tank if the options give a depth, otherwise unchanged.

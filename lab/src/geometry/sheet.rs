@@ -56,7 +56,7 @@ pub(crate) fn sheet(options: &SheetOptions) -> Result<(), Failure> {
     }
     if fit.misfit > POOR {
         eprintln!(
-            "tactus-lab: the fitted sheet misses the baseline by {:.0} %: check geometry, electrode order and contacts before it is used",
+            "tactus-lab: the readings of the fitted sheet differ from the baseline by {:.0} %: check geometry, electrode order and contacts before it is used",
             100.0 * fit.misfit
         );
     }

@@ -207,7 +207,11 @@ fn changed(settings: &Settings, given: toml::Table) -> Result<Settings, String> 
     for (name, table) in given {
         match (whole.get_mut(&name), table) {
             (Some(toml::Value::Table(whole)), toml::Value::Table(table)) => whole.extend(table),
-            _ => return Err(format!("'{name}' is not known; [data] and [deep] are")),
+            _ => {
+                return Err(format!(
+                    "'{name}' is not known; the tables are [data] and [deep]"
+                ));
+            }
         }
     }
     whole

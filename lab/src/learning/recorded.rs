@@ -150,7 +150,7 @@ fn check_places(mesh: &Mesh, presses: &Presses) -> Result<(), Failure> {
     if let Some(press) = presses.all.iter().find(|press| !within(press.centre)) {
         let hint = match times(1.0 / MILLI) {
             true => {
-                "; all places would lie on it if they are in mm: name the columns x_mm, y_mm, diameter_mm"
+                "; if the places are in mm, all lie on it: name the columns x_mm, y_mm, diameter_mm"
             }
             false => "",
         };

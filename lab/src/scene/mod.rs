@@ -94,7 +94,7 @@ fn scan(scene: &Scene, options: &SessionOptions) -> Result<Scan, Failure> {
         checked.map_err(|_| Failure::usage(format!("{key} is {value}, it must be {bounds}")))
     };
     let usual = Scan::usual(scene.sheet.electrodes())
-        .map_err(|fault| Failure::of("no protocol for this ring", &fault))?;
+        .map_err(|fault| Failure::of("a protocol for these electrodes cannot be made", &fault))?;
     let current = Amps(options.current_ua * 1e-6);
     let ranges = keithley_6221::RANGES.map(|range| range.full_scale);
     let holds = ranges.into_iter().find(|range| *range >= current.abs());

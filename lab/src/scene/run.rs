@@ -29,14 +29,14 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     let mut phantom = Phantom::new(scene).map_err(failed)?;
     if phantom.mesh().hash() == case.mesh.hash() {
         return Err(Failure::because(
-            "the scene's mesh is the one to reconstruct on: give its [mesh] another fineness or seeding",
+            "the scene has the same mesh as the reconstruction, which would make the maps too good: give the scene's [mesh] another fineness or seeding",
         ));
     }
     let existing = options.replacing.existing();
     let config_toml = match &options.config {
         None => String::new(),
         Some(path) => toml::to_string(&daemon_config::read(path)?)
-            .map_err(|cause| Failure::of("the configuration has no text", &cause))?,
+            .map_err(|cause| Failure::of("the configuration cannot be written as TOML", &cause))?,
     };
     let mut folder = match &options.out {
         None => None,

@@ -74,7 +74,7 @@ fn request(options: &AdviseOptions, config: Option<&Config>) -> Result<diagrams:
             let of_table = MODULES.iter().find(|(known, ..)| *known == kind);
             let (.., module) = of_table.ok_or_else(|| {
                 Failure::usage(
-                    "the table has no wiring of this configuration (a board or a file); --module NAME takes another, e.g. 34924A",
+                    "the table has no rows for the wiring of this configuration (a GPIO board or a wiring file); name a module with --module, e.g. --module 34924A",
                 )
             })?;
             Some((*module).to_owned())

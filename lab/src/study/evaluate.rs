@@ -58,16 +58,16 @@ const PAPER: [(&str, f64); 3] = [
 /// Explanation of the columns, with the best value of each.
 const LEGEND: &str = "\
 mean mm, worst  distance from the true place to the found one, mean and largest, mm (0)
-corr            correlation of the map with the truth, weighed by area (1)
+corr            correlation of the map with the truth, weighted by area (1)
 error           norm of the difference from the truth over the norm of the truth, of frames with a load (0)
 Dice            overlap of the parts at or above half of the largest loss (1)
 SSIM            structural similarity of the rasters (1)
 AR PE RES       GREIT: amplitude response, position error, resolution (the same everywhere; 0; small)
 SD RNG          GREIT: shape deformation, ringing (0)
 NF              noise figure of the method: noise to signal of the map over that of the readings
-new             share of the frames that a trained model calls unlike its training
+new             share of the frames that a trained model reports as unlike its training data
 ms              median time of a frame, ms
-A - stands where there is no such figure.";
+-               no such figure for this set or method";
 
 /// Figures of one method on one set.
 #[derive(serde::Serialize, serde::Deserialize)]

@@ -285,7 +285,7 @@ pub(crate) async fn follow(
             .await
             .unwrap_or_else(|_| {
                 Err(Failure::Timeout(format!(
-                    "not ended within {}; it continues: `tactus status`, `tactus stop`",
+                    "the session has not ended within {} and continues; `tactus status` shows it, `tactus stop` ends it",
                     display_span(within)
                 )))
             }),

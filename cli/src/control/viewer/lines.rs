@@ -115,10 +115,10 @@ pub(crate) fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String 
             );
             match known.get(known.len() / 2) {
                 Some(median) => text.push_str(&format!(
-                    "{median:.3} in the median of {:.0} % of the triangles, the others not known",
+                    "median {median:.3} over {:.0} % of the triangles, not known for the others",
                     100.0 * known.len() as f64 / seen.deviations.len() as f64
                 )),
-                None => text.push_str("not known of any triangle"),
+                None => text.push_str("not known for any triangle"),
             }
             if seen.simulated {
                 text.push_str("  SIMULATED");

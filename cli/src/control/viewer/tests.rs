@@ -117,7 +117,7 @@ async fn deviations_are_lines_that_are_not_counted() {
     assert_eq!(events, ["frame", "deviation", "frame"], "{text}");
     assert_eq!(lines[1]["deviations"], serde_json::json!([0.05, null]));
     let (text, _) = shown_as(false, &words, None, &records).await;
-    let wanted = "0.050 in the median of 50 % of the triangles, the others not known  SIMULATED";
+    let wanted = "median 0.050 over 50 % of the triangles, not known for the others  SIMULATED";
     assert!(text.contains(wanted), "{text}");
 }
 

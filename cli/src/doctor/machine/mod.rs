@@ -246,7 +246,7 @@ impl Machine {
                 true => Finding::ok("polkit", actions),
                 false => Finding::warn(
                     "polkit",
-                    "its actions are not declared: on the system bus only root and the group tactus may do anything",
+                    "the actions of tactusd are not declared: on the system bus only root and the group tactus have control; others can only read",
                     "copy systemd/org.tactus.Tactus1.policy to /usr/share/polkit-1/actions/",
                 ),
             });
@@ -266,7 +266,7 @@ impl Machine {
                 }
                 Ok(_) => Finding::bad(
                     "notify",
-                    format!("{program} is no program"),
+                    format!("{program} is not an executable file"),
                     format!("`sudo chmod 755 {program}`"),
                 ),
                 Err(cause) => Finding::bad(
@@ -283,11 +283,11 @@ impl Machine {
     pub(super) fn clock(&self, now: DateTime<Utc>) -> Vec<Finding> {
         let mut findings = Vec::new();
         if !(2025..2100).contains(&now.year()) {
-            let text = format!("it is {} here", now.date_naive());
+            let text = format!("the date of this machine is {}", now.date_naive());
             findings.push(Finding::bad(
                 "clock",
                 text,
-                "set it: `sudo timedatectl set-ntp true`",
+                "set the clock: `sudo timedatectl set-ntp true`",
             ));
         }
         let booted = self.text("proc/uptime");
@@ -322,7 +322,7 @@ impl Machine {
         let found = match std::fs::metadata(&path) {
             Ok(found) if found.is_dir() => found,
             Ok(_) => {
-                let text = format!("{shown} is no folder");
+                let text = format!("{shown} is not a folder");
                 return vec![Finding::bad("record", text, "correct [record] directory")];
             }
             Err(cause) => {

@@ -189,7 +189,10 @@ fn missing_parts_of_an_installation_are_reported() {
         std::fs::write(&path, "").unwrap();
     }
     let found = machine.installed(&wanted);
-    assert!(found[2].text.contains("is no program"), "{found:?}");
+    assert!(
+        found[2].text.contains("is not an executable file"),
+        "{found:?}"
+    );
     let mail = folder.path().join("usr/lib/tactus/mail");
     std::fs::set_permissions(mail, std::fs::Permissions::from_mode(0o755)).unwrap();
     let found = machine.installed(&wanted);

@@ -166,7 +166,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
         shared.known().source = match every {
             1 => format!("computed with {}", reconstruction.method()),
             _ => format!(
-                "computed with {} from every {every}th frame",
+                "computed with {} from one in {every} frames",
                 reconstruction.method()
             ),
         };
@@ -206,7 +206,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
             let step_s = at_s.zip(last_s).map(|(at_s, last_s)| at_s - last_s);
             if every > 1 && step_s.is_some_and(|step_s| step_s > hold_s) {
                 known.no_unrelieved = Some(format!(
-                    "time without relief is not known: of this long session only every {every}th frame is used, and \
+                    "time without relief is not known: of this long session only one in {every} frames is used, and \
                      these are more than {hold_s} s apart"
                 ));
             }

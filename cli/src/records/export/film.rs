@@ -124,7 +124,7 @@ impl Plan {
         let plan = Self::of(first, last, session.len()?, (every_s, export.speed));
         plan.map_err(|why| {
             Failure::Usage(format!(
-                "session {} of {} to {}: {why}",
+                "session {}, from {} to {}: {why}",
                 session.header().id,
                 local(first),
                 local(last)

@@ -40,7 +40,7 @@ pub(super) fn frame_at(session: &SessionParts, instant: &Instant) -> Result<u64,
     }
     if within && (at < first.wall - BESIDE || at > last + BESIDE) {
         return Err(Failure::Usage(format!(
-            "--at {}: the frames of session {} are of {} to {}; name a time between these",
+            "--at {}: session {} has frames from {} to {}; name a time between these",
             local(at),
             session.header().id,
             local(first.wall),
@@ -66,7 +66,7 @@ fn event(session: &SessionParts, kind: &str, number: usize) -> Result<Event, Fai
     let has = match kinds.is_empty() {
         true => "it has no events".to_owned(),
         false => format!(
-            "its events are of the kinds {}",
+            "it has events of the kinds {}",
             printable(&kinds.join(", "))
         ),
     };

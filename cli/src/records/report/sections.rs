@@ -165,13 +165,13 @@ pub(super) fn gaps(facts: &Facts<'_>) -> String {
             let before = facts.session.frame(gap.after).ok();
             [
                 before.map_or_else(
-                    || format!("behind frame {}", gap.after),
+                    || format!("after frame {}", gap.after),
                     |record| local(record.frame.wall),
                 ),
                 display_long(gap.seconds),
                 gap.explained
                     .clone()
-                    .unwrap_or_else(|| "no event says why".to_owned()),
+                    .unwrap_or_else(|| "no event explains it".to_owned()),
             ]
         })
         .collect();
@@ -201,7 +201,10 @@ pub(super) fn health(facts: &Facts<'_>) -> String {
         .map(|finding| [finding.kind.to_owned(), finding.text.clone()])
         .collect();
     html += &match findings.is_empty() {
-        true => "<p>The record is whole: checksums, order and parts are verified.</p>".to_owned(),
+        true => {
+            "<p>The record is complete and undamaged: checksums, order and parts were verified.</p>"
+                .to_owned()
+        }
         false => table(&["defect of the record", ""], &findings),
     };
     html

@@ -14,7 +14,7 @@ pub(crate) struct HonestyOptions {
     /// Number of frames of each fault at each noise
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = crate::args::numbers::any_count)]
     pub(crate) faults: usize,
-    /// Compare maps of five methods with the truth: frames of each kind of load at each noise [default: none]
+    /// Also compare maps with the truth: number of frames of each kind of load at each noise [default: none]
     #[arg(long, value_name = "N", value_parser = crate::args::numbers::cases)]
     pub(crate) maps: Option<usize>,
     /// Kinds of load whose maps are compared (repeatable) [default: all]
@@ -23,7 +23,7 @@ pub(crate) struct HonestyOptions {
     /// Methods whose maps are compared (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "METHOD", requires = "maps")]
     pub(crate) method: Vec<MapMethod>,
-    /// Compare maps without a stated noise, and with one strength from the noise alone, too
+    /// Also compare maps made without a given noise, and with a hyper-parameter from the noise alone
     #[arg(long, requires = "maps")]
     pub(crate) unstated: bool,
     /// Noise of one reading (standard deviation), uV (repeatable) [default: 2 and 20]

@@ -11,7 +11,7 @@ use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct MonthsOptions {
-    /// Sheets of each kind of drift for single frames against the baseline of day 0 [default: 5]
+    /// Number of sheets of each kind of drift, whose single frames are compared with the baseline of day 0 [default: 5]
     #[arg(long, value_name = "N", value_parser = crate::args::numbers::any_count)]
     pub(crate) sheets: Option<usize>,
     /// Presses of each diameter on each of eight days of such a sheet, located by discs and one-step maps; 0 for none [default: 4]
@@ -35,7 +35,7 @@ pub(crate) struct MonthsOptions {
     /// Scenes that are tracked (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "SCENE")]
     pub(crate) scene: Vec<LongScene>,
-    /// Also evaluate loads that stay for days or increase slowly, with a load in each of N nights: number of days; 0 for none
+    /// Also evaluate loads that stay for days or increase slowly: number of days of the run with a load every night; 0: no such run
     #[arg(long, value_name = "N", default_value_t = 0.0, value_parser = crate::args::numbers::days)]
     pub(crate) load_days: f64,
     /// One sheet with one press, and two days, or less of each: a short run

@@ -37,7 +37,7 @@ pub(super) fn write(
     let header = session.header();
     if outfile::is_stream(&export.out) {
         return Err(Failure::Usage(format!(
-            "{} is a device or a pipe, and the number of frames at the beginning of a netCDF file is known at its end: name a \
+            "{} is a device or a pipe, and a netCDF file begins with the number of frames, which is known only after the last one: name a \
              file with --out",
             export.out.display()
         )));

@@ -45,7 +45,7 @@ pub(super) fn quantities(
         begins.iter().map(|begin| *begin as f64).collect(),
         &[
             ("standard_name", "time"),
-            ("long_name", "begin of the minute"),
+            ("long_name", "start of the minute"),
             ("units", "seconds since 1970-01-01 00:00:00"),
             ("calendar", "standard"),
         ],
