@@ -325,9 +325,9 @@ fn sentence(line: &ReplayLine<'_>) -> String {
         let _ = write!(text, "; {tracked}");
     }
     match verified {
-        Some(true) => text.push_str(", same bits as recorded"),
+        Some(true) => text.push_str(", identical to the recorded map"),
         Some(false) => {
-            text.push_str(", not the map that was recorded (other method, build or processor)")
+            text.push_str(", differs from the recorded map (other method, build or processor)")
         }
         None => {}
     }
