@@ -47,7 +47,7 @@ pub enum Refused {
     )]
     ShelfTime,
     /// It is not active: it has no end until which it could be shelved.
-    #[error("alarm '{0}' is not active: shelve it for a time")]
+    #[error("alarm '{0}' is not active: state for how long it is shelved")]
     NotActive(String),
     /// It is not shelved.
     #[error("alarm '{0}' is not shelved")]

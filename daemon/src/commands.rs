@@ -63,7 +63,7 @@ pub(crate) fn print_found(addresses: &[String], json: bool) -> Result<(), Failur
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
-        .map_err(|cause| (FAILED, format!("no threads to run on: {cause}")))?;
+        .map_err(|cause| (FAILED, format!("threads cannot be started: {cause}")))?;
     let search = Search {
         addresses,
         ..Search::default()

@@ -151,7 +151,7 @@ fn perform(args: &Args) -> Result<(), Failure> {
         .max_blocking_threads(BLOCKING)
         .enable_all()
         .build()
-        .map_err(|cause| (FAILED, format!("no threads to run on: {cause}")))?;
+        .map_err(|cause| (FAILED, format!("threads cannot be started: {cause}")))?;
     let life = async {
         if args.safe_off {
             safe_off(&prepared).await
@@ -349,7 +349,7 @@ async fn clean_index(directory: std::path::PathBuf) -> Result<Records, String> {
         );
     }
     if !clean_index.folded.is_empty() {
-        tracing::info!("journals folded into {}", names(&clean_index.folded));
+        tracing::info!("journals merged into {}", names(&clean_index.folded));
     }
     for error in clean_index.refused {
         tracing::warn!("{}", chain(&error));

@@ -61,7 +61,7 @@ pub enum ConnectError {
     },
     /// The socket exists, but this user may not use it.
     #[error(
-        "no permission to connect to the daemon at {address}: {cause}; its user, root and the group tactus have it"
+        "no permission to connect to the daemon at {address}: {cause}; only its user, root and members of the group tactus may connect"
     )]
     NotAuthorized {
         /// The address.

@@ -83,7 +83,7 @@ fn safety(error: &AcquireError) -> String {
             format!("the source is off, verified{after}, but the relays are NOT verified open")
         }
         Some((Some(_), Some(_))) => {
-            "the source is NOT verified off, nor the relays open: treat the sheet as live".to_owned()
+            "the source is NOT verified off and the relays are NOT verified open: treat the sheet as live".to_owned()
         }
     }
 }

@@ -284,7 +284,7 @@ impl Change {
 
     fn unstored(why: &str) -> Self {
         Self::invalid(format!(
-            "the state of the alarms cannot be stored, and would be lost with the daemon: {why}"
+            "the state of the alarms cannot be stored, and is lost when the daemon ends: {why}"
         ))
     }
 }
@@ -334,11 +334,14 @@ fn recall(path: &Path) -> Result<Alarms, String> {
     };
     let kept = path.with_file_name(DAMAGED);
     let outcome = match std::fs::rename(path, &kept) {
-        Ok(()) => format!("it is kept as {}", kept.display()),
-        Err(refused) => format!("it cannot be renamed to {}: {refused}", kept.display()),
+        Ok(()) => format!("the file is kept as {}", kept.display()),
+        Err(refused) => format!(
+            "the file cannot be renamed to {}: {refused}",
+            kept.display()
+        ),
     };
     Err(format!(
-        "the stored state of the alarms cannot be read, and every alarm begins anew: {}: {cause}; {outcome}",
+        "the stored state of the alarms cannot be read ({}: {cause}), and every alarm starts without a state; {outcome}",
         path.display()
     ))
 }

@@ -112,7 +112,10 @@ fn write(directory: &std::path::Path, events: &Receiver<logbook::Event>) {
                 // opened again for the next event
                 daemon_log = None;
                 if !std::mem::replace(&mut refused, true) {
-                    tracing::warn!("an event cannot be kept: {}", chain(&error));
+                    tracing::warn!(
+                        "an event cannot be written to the daemon log: {}",
+                        chain(&error)
+                    );
                 }
             }
         }

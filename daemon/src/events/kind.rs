@@ -80,7 +80,7 @@ kinds! {
     Started "started", Info, DaemonLog, "The daemon has started", "Nothing";
     Stopped "stopped", Info, DaemonLog, "The daemon was stopped", "Nothing";
     Daily "daily", Info, DaemonLog, "The summary of a day: frames, failures, disk, relays", "Nothing";
-    Trouble "trouble", Warn, DaemonLog, "A problem has begun of which people are notified", "`tactus status` names it and the remedy";
+    Trouble "trouble", Warn, DaemonLog, "A problem has begun, and people are notified of it", "`tactus status` names it and the remedy";
     TroubleOver "trouble-over", Info, DaemonLog, "That problem has ended", "Nothing";
     AlarmActive "alarm-active", Warn, Either, "The alarm of a rule has become active: value and limit", "Look at its guidance: `tactus alarms`";
     AlarmOver "alarm-over", Info, Either, "That alarm has ended", "Acknowledge it: `tactus alarms ack`";
@@ -133,7 +133,7 @@ kinds! {
     RecordUnlocked "record-unlocked", Warn, Session, "The session file can be written again", "Nothing";
     SessionDeleted "session-deleted", Warn, Session, "The oldest session was deleted to free space, as configured", "Nothing";
     PartRefused "part-refused", Warn, Session, "The next part of the session could not be created; the present one continues", "Check the disk that the text names";
-    PartCreated "part-created", Warn, Session, "The next part of the session could be created after that", "Nothing";
+    PartCreated "part-created", Warn, Session, "The next part of the session was created after earlier attempts had failed", "Nothing";
     ContainedPanic "contained-panic", Error, Journal, "The daemon's own code failed while it replied to one client", "Report it with the text";
     Metrics "metrics", Warn, Journal, "The address of `[metrics]` cannot be listened on", "Choose another address, reload";
     CallsLost "calls-lost", Warn, Journal, "Calls of a client that requested no reply were discarded", "Find the client that sends too many";

@@ -168,7 +168,7 @@ impl Metric {
 const METRICS: [Metric; 25] = [
     Metric::new(
         "tactus_frames",
-        "Frames that the rig or recording gave",
+        "Frames from the rig or recording",
         Values::Count(|at| at.health.counts.acquired),
     ),
     Metric::new(
@@ -219,7 +219,7 @@ const METRICS: [Metric; 25] = [
     .of("seconds"),
     Metric::new(
         "tactus_period",
-        "From start to start of frames of the running session",
+        "Time from the start of one frame of the running session to the start of the next",
         Values::Number(|at| Some(at.health.session.as_ref()?.period.as_secs_f64())),
     )
     .of("seconds"),
@@ -243,13 +243,13 @@ const METRICS: [Metric; 25] = [
     .of("days"),
     Metric::new(
         "tactus_relay_life_used",
-        "Part of the life of the relay that will be worn out first",
+        "Used part of the life of the relay that will be worn out first",
         Values::Number(|at| Some(at.health.relays.as_ref()?.used)),
     )
     .of("ratios"),
     Metric::new(
         "tactus_relay_life_left",
-        "Time of measuring until its rating is reached",
+        "Measuring time until that relay reaches its rated life",
         Values::Number(|at| Some(at.health.relays.as_ref()?.left()?.as_secs_f64())),
     )
     .of("seconds"),
@@ -278,7 +278,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_trouble",
-        "1 for each built-in alarm, of those that are notified, that is active",
+        "Whether the built-in alarm is active; for each one that sends notifications",
         Values::Flags("kind", |at| {
             let on = |kind| (kind, at.troubles.contains(&kind));
             built_in::notified().map(on).collect()
@@ -296,7 +296,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_alarm_set_aside",
-        "Whether a person has shelved it or taken it out of service",
+        "Whether a person has shelved the alarm or taken it out of service",
         Values::OfAlarms(Alarm::is_put_aside),
     ),
     Metric::new(
@@ -306,7 +306,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_reconstruction",
-        "Time that maps took",
+        "Computing time of maps",
         Values::Reconstruction,
     )
     .of("seconds"),

@@ -38,7 +38,7 @@ pub(crate) fn log(panic: &PanicHookInfo<'_>) {
         .location()
         .map_or_else(|| "an unknown place".to_owned(), ToString::to_string);
     let text = format!(
-        "the daemon's own code panicked at {place} ({}); this ended one answer and nothing else, please report it",
+        "the daemon's own code panicked at {place} ({}); one reply failed, and nothing else; please report it",
         message(panic.payload())
     );
     LOG.log(EventKind::ContainedPanic, None, &text);

@@ -13,7 +13,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     if delay.fract() != 0.0 {
         findings.add(
             "survey.channel_delay_ms",
-            format!("{delay:?} is not one of the whole numbers of milliseconds"),
+            format!("{delay:?} is not a whole number of milliseconds"),
         );
     }
     if survey.zero_every.is_some() && survey.reversal {

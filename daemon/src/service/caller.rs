@@ -35,7 +35,7 @@ pub(super) async fn of(connection: &Connection, sender: &UniqueName<'_>) -> zbus
         .await?;
     let user = credentials
         .unix_user_id()
-        .ok_or_else(|| zbus::Error::Failure("it does not know the user".into()))?;
+        .ok_or_else(|| zbus::Error::Failure("it does not report the user".into()))?;
     // a bus without group ids (before dbus 1.14): only root and the daemon's own user are recognised
     let groups = credentials.unix_group_ids().cloned().unwrap_or_default();
     Ok(Caller::new(user, groups))

@@ -183,7 +183,7 @@ impl Gate {
     ) -> Result<String, Fault> {
         Ok(match self.client(connection, header).await? {
             Some(client) => format!("user {}", client.caller.user()),
-            None => "a caller that has left".to_owned(),
+            None => "a caller that has disconnected".to_owned(),
         })
     }
 

@@ -45,7 +45,7 @@ pub(crate) enum ListenerError {
         path: PathBuf,
         cause: std::io::Error,
     },
-    #[error("no threads to serve clients on: {0}")]
+    #[error("the threads that serve clients cannot be started: {0}")]
     Threads(std::io::Error),
     #[error("the {which} bus is configured, but not available: {cause}")]
     NoBus {

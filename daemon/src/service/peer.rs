@@ -103,7 +103,7 @@ async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: H
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         let text = format!(
-            "a user who is neither the daemon's, root, nor in the group {GROUP} was refused at the peer socket"
+            "a user was refused at the peer socket: only root, the daemon's user and members of the group {GROUP} may connect"
         );
         controller.events.journal(EventKind::Strangers, &text);
         return;

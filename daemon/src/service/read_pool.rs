@@ -96,7 +96,9 @@ impl Pool {
             match started {
                 Ok(_) => waiting.threads += 1,
                 Err(cause) if waiting.threads == 0 => {
-                    return Err(Fault::Failed(format!("no thread to read on: {cause}")));
+                    return Err(Fault::Failed(format!(
+                        "the thread that reads cannot be started: {cause}"
+                    )));
                 }
                 // running threads will take the job later
                 Err(_) => {}

@@ -44,7 +44,9 @@ impl Controller {
             Ok(Ok(None)) => Ok(()),
             Ok(Ok(Some(text))) => Err(Fault::Configuration(text)),
             Ok(Err(fault)) => Err(Fault::Failed(chain(&fault))),
-            Err(_) => Err(Fault::Failed("no map could be tried".into())),
+            Err(_) => Err(Fault::Failed(
+                "the computing time of a map could not be measured".into(),
+            )),
         }
     }
 }

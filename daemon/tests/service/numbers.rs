@@ -118,7 +118,13 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
                 if fault.ends_with("InvalidOption") {
                     let named = [format!("'{name}'"), format!("survey.{name}:")];
                     assert!(named.iter().any(|name| text.contains(name)), "{what}");
-                    let ranged = ["from ", "none of ", "one of ", "above "];
+                    let ranged = [
+                        "from ",
+                        "none of ",
+                        "one of ",
+                        "above ",
+                        "a whole number of",
+                    ];
                     let by_range = ranged.iter().any(|word| text.contains(word));
                     // if another type is expected, the message names it
                     let by_kind = text.contains("must be a text") || text.contains("must be true");

@@ -72,7 +72,7 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
     stage.configure(&with("500.0"));
     daemon.hang_up();
     let text = reported(&mut happened, "reloaded").await;
-    assert!(text.contains("in force"), "{text}");
+    assert!(text.starts_with("reloaded "), "{text}");
     assert!((current(&daemon).await - 5e-4).abs() < 1e-12);
     daemon.baseline(1).await;
 
@@ -149,7 +149,10 @@ async fn a_reload_that_loses_the_rig_is_a_fault_and_keeps_locks() {
     daemon.baseline(1).await;
     assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
     let text = within(daemon.manager.reload()).await.unwrap();
-    assert!(text.ends_with("is in force"), "{text}");
+    assert!(
+        text.starts_with("reloaded ") && text.ends_with(".toml"),
+        "{text}"
+    );
     let second = Stage::new(&config);
     second.start().await.terminate().await;
 }
@@ -183,7 +186,10 @@ async fn a_rig_of_unknown_state_refuses_each_reload() {
             rig.set_wire(*instrument, Wire::Sound);
         }
         let text = within(daemon.manager.reload()).await.unwrap();
-        assert!(text.ends_with("is in force"), "{text}");
+        assert!(
+            text.starts_with("reloaded ") && text.ends_with(".toml"),
+            "{text}"
+        );
         reported(&mut happened, "source-off").await;
         assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
         daemon.baseline(1).await;
@@ -218,7 +224,10 @@ async fn a_source_never_reached_is_unknown_and_blocks_no_reload() {
 
         stage.configure(&config);
         let text = within(daemon.manager.reload()).await.unwrap();
-        assert!(text.ends_with("is in force"), "{text}");
+        assert!(
+            text.starts_with("reloaded ") && text.ends_with(".toml"),
+            "{text}"
+        );
         assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
         daemon.baseline(1).await;
     }
@@ -242,7 +251,10 @@ async fn open_all_with_a_mistyped_switch_blocks_no_reload() {
     );
     stage.configure(&config);
     let text = within(daemon.manager.reload()).await.unwrap();
-    assert!(text.ends_with("is in force"), "{text}");
+    assert!(
+        text.starts_with("reloaded ") && text.ends_with(".toml"),
+        "{text}"
+    );
     daemon.baseline(1).await;
 }
 

@@ -15,7 +15,9 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Why an instrument cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ConnectError {
-    #[error("the {role} at {place} cannot be reached; is it switched on, and the address right?")]
+    #[error(
+        "the {role} at {place} cannot be reached; check that it is switched on and that the address is right"
+    )]
     Unreachable {
         role: &'static str,
         place: InstrumentAddress,

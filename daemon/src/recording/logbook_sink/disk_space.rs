@@ -278,8 +278,11 @@ impl LogbookSink {
         self.status.set_last_error("");
         self.status.hold(false);
         let (kind, now) = match locked {
-            true => (EventKind::RecordUnlocked, "it can be written again"),
-            false => (EventKind::DiskSpace, "there is room again"),
+            true => (
+                EventKind::RecordUnlocked,
+                "the session file can be written again",
+            ),
+            false => (EventKind::DiskSpace, "there is space again"),
         };
         let text = format!(
             "acquisition had paused for {:.0} s: {why}; {now}",

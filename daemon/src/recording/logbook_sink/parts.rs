@@ -74,7 +74,7 @@ impl LogbookSink {
         let todo = match error {
             LogbookError::Gone { .. } => "do not touch the files of a session that runs",
             LogbookError::Locked { .. } => "do not open the files of a running session for writing",
-            _ => "mend the disk",
+            _ => "repair the disk",
         };
         let text = format!(
             "writing to {} has stopped: {why}{kept}; the session continues in {}; {todo}",

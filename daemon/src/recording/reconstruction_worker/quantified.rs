@@ -92,7 +92,7 @@ impl Quantified {
 
     fn restore(&mut self) -> Result<(), String> {
         let kept = kept_course(&self.folder, &self.session).map_err(|error| chain(&error))?;
-        let kept = kept.ok_or("nothing is kept of them")?;
+        let kept = kept.ok_or("their state was not stored")?;
         self.quantifier.restore(&kept.state)?;
         self.sequence = kept.sequence;
         Ok(())

@@ -40,7 +40,7 @@ impl Authorizer {
             Err(Fault::NotAuthorized(format!("{what}: {why}")))
         };
         let Some(action) = action else {
-            return refused("no user has permission: it is in no table of actions");
+            return refused("no user has permission: the table of actions does not contain it");
         };
         let Some(id) = action.id() else {
             return Ok(());
@@ -288,7 +288,7 @@ async fn admit_setter(
     action: Option<Action>,
     what: &str,
 ) -> Result<(), Fault> {
-    let left = || Fault::NotAuthorized(format!("{what}: its sender has left"));
+    let left = || Fault::NotAuthorized(format!("{what}: its sender has disconnected"));
     let header = header.ok_or_else(left)?;
     let client = gate.client(connection, header).await?.ok_or_else(left)?;
     gate.authorizer

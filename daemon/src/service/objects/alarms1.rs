@@ -23,7 +23,7 @@ pub(crate) struct Alarms1(pub(crate) Arc<Controller>, pub(crate) Arc<Gate>);
 #[interface(name = "org.tactus.Tactus1.Alarms1")]
 impl Alarms1 {
     /// All alarms, by name. Keys: `name` (s), `built_in` (b), `severity` (s), `level` (s, `ok`, `minor`, `major`, or
-    /// `invalid` where it cannot be judged; absent while it is not to be judged), `active` (b), `acknowledged` (b), `held`
+    /// `invalid` if it cannot be evaluated; absent while its evaluation is suppressed), `active` (b), `acknowledged` (b), `held`
     /// (b, its condition is gone and it waits for a reset), `changed_ns` (x), `cause` (s), `invalid` (s), `suppressed` (s),
     /// `shelved` (s), `shelved_until_ns` (x), `out_of_service` (s), `acknowledged_by` (s), `guidance` (s).
     #[zbus(out_args("alarms"))]
@@ -87,7 +87,7 @@ impl Alarms1 {
             .await
     }
 
-    /// Takes the alarm out of service, until it is set in service again. Options: `comment` (s).
+    /// Takes the alarm out of service (`false`) or returns it to service (`true`). Options: `comment` (s).
     async fn set_in_service(
         &self,
         name: &str,

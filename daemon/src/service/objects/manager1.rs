@@ -206,15 +206,15 @@ impl Manager1 {
     }
 
     /// Reloads the configuration. An invalid one changes nothing; the error has a line for each problem. The
-    /// configuration in force also stays where the present rig cannot be switched off. During a session the new
+    /// configuration in force also stays if the present rig cannot be switched off. During a session the new
     /// configuration is applied at the session's end, unless an invalid one is reloaded before.
     #[zbus(out_args("done"))]
     async fn reload(&self) -> Result<String, Fault> {
         self.0.reload().await
     }
 
-    /// The messages exchanged with the instruments for the last frames, after the opening messages of their connection:
-    /// a line of JSON each. Option: `frames` (t, default 1).
+    /// The messages exchanged with the instruments: those that opened the connection, then those of the last frames. A
+    /// line of JSON each. Option: `frames` (t, default 1).
     #[zbus(out_args("lines"))]
     async fn transcript(&self, options: Options) -> Result<String, Fault> {
         let options: TranscriptOptions = option_values::read(&options, |key| {

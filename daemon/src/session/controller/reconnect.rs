@@ -191,7 +191,7 @@ impl Controller {
     pub(crate) async fn open_all(self: &Arc<Self>) -> Result<String, Fault> {
         if self.state().is_busy() {
             return Err(Fault::SessionActive(
-                "a session is running, and its relays with it; stop it first".into(),
+                "a session is running and uses the relays; stop it first".into(),
             ));
         }
         let mut source = self.source.lock().await;
@@ -258,7 +258,7 @@ impl Controller {
         };
         self.observed.forget_relays();
         self.keep_identities().await;
-        let text = format!("a person agreed: {text}");
+        let text = format!("a person accepted other instruments: {text}");
         self.report(None, EventKind::Accepted, &text).await;
         self.events.publish(&BusEvent::Instruments);
         self.agreed.notify_one();

@@ -164,7 +164,7 @@ impl Controller {
         session.status.set_suspended(false);
         let _ = self.change_state(Trigger::Resume);
         self.events.publish(&BusEvent::Instruments);
-        self.report(Some(session), EventKind::Resumed, "the session goes on")
+        self.report(Some(session), EventKind::Resumed, "the session continues")
             .await;
         true
     }

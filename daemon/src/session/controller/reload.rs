@@ -194,11 +194,11 @@ impl Controller {
                 }
                 self.keep_identities().await;
                 let _ = self.change_state(Trigger::Recovered);
-                format!("{file} is in force")
+                format!("reloaded {file}")
             }
             Err(text) => {
                 self.rig_lost(&text);
-                format!("{file} is in force, but its rig cannot be reached: {text}")
+                format!("reloaded {file}, but its rig cannot be reached: {text}")
             }
         };
         self.events.publish(&BusEvent::ObjectsChanged);

@@ -154,11 +154,11 @@ impl Controller {
     pub(super) async fn report_not_resumed(&self, path: &Path, not_resumed: NotResumed) {
         match not_resumed {
             NotResumed::Left(why) | NotResumed::Later(why) => {
-                let text = format!("{} does not go on: {why}", path.display());
+                let text = format!("{} is not resumed: {why}", path.display());
                 self.report(None, EventKind::NotResumed, &text).await;
             }
             NotResumed::Closed(why) => {
-                let text = format!("{} does not go on: {why}", path.display());
+                let text = format!("{} is not resumed: {why}", path.display());
                 self.report(None, EventKind::NotResumed, &text).await;
                 self.close_interrupted(path, &format!("interrupted; {why}"))
                     .await;
@@ -194,12 +194,12 @@ impl Controller {
         let lately = within_an_hour(&found.resumed.before, now);
         if lately >= record.resume_per_hour {
             return Err(NotResumed::Closed(format!(
-                "it has begun again {lately} times within an hour (record.resume_per_hour); see the journal for what ends \
+                "it has been resumed {lately} times within an hour (record.resume_per_hour); see the journal for what ends \
                  the daemon"
             )));
         }
         let options = from_json(&header.asked).ok_or_else(|| {
-            NotResumed::Closed("it does not contain how it was started".to_owned())
+            NotResumed::Closed("the options that it was started with cannot be read".to_owned())
         })?;
         self.same_rig(header, &self.protocol_for(&options).await?)?;
         let baseline =

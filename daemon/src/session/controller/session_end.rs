@@ -38,7 +38,7 @@ impl Controller {
                 let (session, reason) = (status.facts.id.clone(), reason.to_owned());
                 let marked = self.with_end_marks(move |ends| ends.mark(&session, at, &reason));
                 marked.await.unwrap_or_else(|| Marked {
-                    failures: vec!["no thread to write it with".to_owned()],
+                    failures: vec!["the thread that writes it cannot be started".to_owned()],
                     ..Marked::default()
                 })
             })

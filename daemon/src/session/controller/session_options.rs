@@ -322,11 +322,11 @@ impl Controller {
             && !["fixed", "planned"].contains(&other)
         {
             return Err(Fault::InvalidOption(format!(
-                "option 'ranges' is '{other}'; it is 'fixed' or 'planned'"
+                "option 'ranges' is '{other}'; it must be 'fixed' or 'planned'"
             )));
         }
         let mut survey = overlaid(configured, options)
-            .map_err(|error| Fault::InvalidOption(format!("how to measure: {error}")))?;
+            .map_err(|error| Fault::InvalidOption(format!("measuring options: {error}")))?;
         // 0 means never; in a file the key is left out instead
         survey.zero_every = survey.zero_every.filter(|every| *every > 0);
         if survey == *configured {

@@ -65,7 +65,7 @@ impl Controller {
                 Err(_) if stop.is_requested() => return self.stop_waiting(&status).await,
                 Err(not_resumed) => {
                     self.report_not_resumed(&status.path(), not_resumed).await;
-                    return self.end_waiting(&status, "it does not go on".to_owned(), true);
+                    return self.end_waiting(&status, "it could not be resumed".to_owned(), true);
                 }
             }
         }
