@@ -392,9 +392,9 @@ mod tests {
     use crate::error::*;
 
     /// Verbs with which the name of an attempt may begin.
-    const VERBS: [&str; 15] = [
-        "close", "confirm", "copy", "count", "fold", "list", "lock", "make", "mark", "open",
-        "read", "remove", "rename", "sync", "tell",
+    const VERBS: [&str; 14] = [
+        "close", "confirm", "copy", "count", "list", "lock", "make", "mark", "merge", "open",
+        "read", "remove", "rename", "sync",
     ];
 
     /// All names of attempts in this crate's source: a string literal before the cause of an error, or before a closure
@@ -465,7 +465,7 @@ mod tests {
     #[test]
     fn object_of_an_error_is_named_without_its_verb() {
         assert_eq!(object_of("read the frames of"), "the frames");
-        assert_eq!(object_of("tell the size of"), "the size");
+        assert_eq!(object_of("read the size of"), "the size");
         assert_eq!(object_of("open"), "open");
     }
 }

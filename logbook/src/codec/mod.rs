@@ -180,7 +180,7 @@ pub fn decode(
                 .ok_or_else(|| DecodeError::of("it ends early"))?;
             (*grid, Some(notes), rest)
         }
-        _ => return Err(DecodeError::of("its head makes no sense")),
+        _ => return Err(DecodeError::of("its first bytes are invalid")),
     };
     if count > usize::from(u16::MAX) {
         return Err(DecodeError::of("no frame has so many readings"));

@@ -121,7 +121,7 @@ fn fold(path: &Path, wait: Duration) -> Result<bool, LogbookError> {
     if !over {
         return Ok(false);
     }
-    let failed = |source| LogbookError::writing(path, "fold the journal into", source);
+    let failed = |source| LogbookError::writing(path, "merge the journal into", source);
     set_aside_journal(path)?;
     let _in_writing =
         WriterGuard::new(path).map_err(|source| LogbookError::disk(path, "open", source))?;

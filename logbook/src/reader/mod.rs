@@ -315,7 +315,7 @@ impl SessionReader {
         let bytes = || -> rusqlite::Result<u64> {
             Ok(count("page_count")?.saturating_mul(count("page_size")?))
         };
-        bytes().map_err(|source| LogbookError::reading(&self.path, "tell the size of", source))
+        bytes().map_err(|source| LogbookError::reading(&self.path, "read the size of", source))
     }
 
     pub(crate) fn damaged(&self, place: String, why: impl Into<String>) -> LogbookError {

@@ -124,7 +124,7 @@ pub(crate) fn open(
             path: path.to_owned(),
             place: "its folder".into(),
             why: format!(
-                "{} is next to it, which is never so for a session that is being written; move that file away",
+                "{} is next to it, and a session that is being written has no such file; move that file away",
                 journal.display()
             ),
         });

@@ -64,10 +64,7 @@ impl SessionReader {
         let numbers = match self.out_of_order() {
             Ok(numbers) if !numbers.is_empty() => {
                 let numbers: Vec<String> = numbers.iter().map(i64::to_string).collect();
-                format!(
-                    "; numbers that no frame has in their place: {}",
-                    numbers.join(", ")
-                )
+                format!("; frame numbers out of order: {}", numbers.join(", "))
             }
             _ => String::new(),
         };

@@ -25,12 +25,13 @@ impl SessionReader {
         let holder = row.sequence.wrapping_sub(row.place);
         let damaged = |why: &str| {
             let number = row.sequence;
-            let held = format!("frame {number}, whose readings are with frame {holder}");
+            let held = format!("frame {number}, whose readings are stored with frame {holder}");
             self.damaged(held, why)
         };
         let place = usize::try_from(row.place).ok();
         let place = place.filter(|place| *place < codec::MOST_FRAMES);
-        let place = place.ok_or_else(|| damaged("that is no frame written with it"))?;
+        let place =
+            place.ok_or_else(|| damaged("that frame cannot have been written together with it"))?;
         if known.block.as_ref().is_none_or(|(of, _)| *of != holder) {
             known.block = None;
             let block = if place == 0 {

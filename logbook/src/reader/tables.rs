@@ -187,7 +187,7 @@ fn compare(closed_with: &RowCounts, counts: &RowCounts, faults: &mut Vec<(&'stat
     }
     if closed_with.last != counts.last {
         let (then, now) = (closed_with.last, counts.last);
-        let text = format!("it was closed with frame {then} as its last, and frame {now} is");
+        let text = format!("its last frame was {then} when it was closed, and is {now} now");
         faults.push(("missing", text));
     }
 }

@@ -101,7 +101,7 @@ impl SessionWriter {
                 .connection
                 .query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
             folded.map_err(|source| {
-                LogbookError::writing(&self.path, "fold the journal into", source)
+                LogbookError::writing(&self.path, "merge the journal into", source)
             })?;
             return Ok(self.path.clone());
         }

@@ -331,7 +331,7 @@ impl SessionWriter {
             {
                 Ok(())
             }
-            Err(source) => Err(self.write_failed("fold the journal into", source)),
+            Err(source) => Err(self.write_failed("merge the journal into", source)),
         }
     }
 

@@ -328,5 +328,5 @@ fn continued_in(id: &str) -> String {
 }
 
 fn behind(id: &str, acknowledged: u64, why: &str) -> String {
-    format!("goes on from {id} behind frame {acknowledged}: {why}")
+    format!("continues {id} after frame {acknowledged}: {why}")
 }

@@ -54,14 +54,14 @@ fn negative_number_of_the_last_frame_is_reported() {
         }
         let found = verify(&path, |_| {}).unwrap();
         let text = format!(
-            "1 of 65 rows of frames cannot be read in order; numbers that no frame has in their place: {number}"
+            "1 of 65 rows of frames cannot be read in order; frame numbers out of order: {number}"
         );
         let with = |kind: &str, text: &str| {
             let mut findings = found.findings.iter();
             findings.any(|finding| finding.kind == kind && finding.text == text)
         };
         assert!(with("damaged", &text), "{name}: {:?}", found.findings);
-        let last = "it was closed with frame 65 as its last, and frame 64 is";
+        let last = "its last frame was 65 when it was closed, and is 64 now";
         assert!(with("missing", last), "{name}: {:?}", found.findings);
         assert_eq!(found.frames, 64, "{name}");
 

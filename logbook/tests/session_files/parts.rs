@@ -164,7 +164,7 @@ fn a_session_rolls_over_without_a_gap() {
     let events = third.events().unwrap();
     assert_eq!(events[0].kind, CONTINUED);
     assert!(
-        events[0].text.contains("m1_p2 behind frame 40"),
+        events[0].text.contains("m1_p2 after frame 40"),
         "{}",
         events[0].text
     );
@@ -255,7 +255,7 @@ fn a_successor_goes_on_behind_what_was_acknowledged() {
     assert_eq!(next.baseline().unwrap(), Some(baseline()));
     let event = &next.events().unwrap()[0];
     assert!(
-        event.text.ends_with("behind frame 7: fsync failed"),
+        event.text.ends_with("after frame 7: fsync failed"),
         "{}",
         event.text
     );
