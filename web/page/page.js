@@ -107,7 +107,7 @@ function showVerdict(frame) {
   else if (tracked && !tracked.known) [text, kind] = [`not known: ${tracked.text || tracked.reason}`, "bad"];
   else if (quality && quality.verdict !== "sound") {
     [text, kind] = [`${quality.verdict}: ${(quality.reasons || []).map(reason => reason.text).join("; ")}`, quality.verdict === "doubtful" ? "warn" : "bad"];
-  } else text = tracked ? `known to be true; the sheet is ${tracked.judgement}` : "nothing speaks against this map";
+  } else text = tracked ? `known to be true; the sheet is ${tracked.judgement}` : "no check has found a fault in this map";
   // the same sentence again would be read aloud again
   if (at.textContent !== text) at.textContent = text;
   at.className = kind;

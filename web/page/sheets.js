@@ -22,7 +22,7 @@ function problems(machine) {
   const limit = parseFloat(byId("limit").value);
   if (machine.alarms.length) found.push({ bad: true, text: `ALARM ${machine.alarms.join(", ")}` });
   if (machine.invalid_alarms.length) found.push({ text: `cannot be judged: ${machine.invalid_alarms.join(", ")}` });
-  if (machine.silent_s === null || machine.silent_s > limit) found.push({ text: `silent ${machine.silent_s === null ? "" : "for "}${ago(machine.silent_s)}` });
+  if (machine.silent_s === null || machine.silent_s > limit) found.push({ text: `silent for ${machine.silent_s === null ? "an unknown time" : ago(machine.silent_s)}` });
   if (machine.clock_ahead_s !== null) found.push({ text: `its clock is ${ago(machine.clock_ahead_s)} ahead` });
   if (machine.known !== null && machine.known < KNOWN) found.push({ text: `maps known in ${Math.floor(100 * machine.known)} % of the last ten minutes` });
   return found;
@@ -46,7 +46,7 @@ async function refresh() {
 function draw() {
   const judged = machines.map(machine => ({ machine, found: problems(machine) }));
   const count = name => judged.filter(({ found }) => kind(found) === name).length;
-  byId("counts").textContent = `${machines.length} machine${machines.length === 1 ? "" : "s"}: ${count("bad")} with an active alarm, ${count("warn")} to look at, ${count("good")} well`;
+  byId("counts").textContent = `${machines.length} machine${machines.length === 1 ? "" : "s"}: ${count("bad")} with an active alarm, ${count("warn")} with another problem, ${count("good")} without problems`;
   const sites = [...new Set(machines.map(machine => machine.site))];
   byId("sites").replaceChildren(...sites.map(site => {
     const line = document.createElement("p");
@@ -58,7 +58,7 @@ function draw() {
       // the table below has the same for those who do not see
       const square = document.createElement("span");
       square.className = `machine ${kind(found)}`;
-      square.title = `${named(machine)}: ${found.map(problem => problem.text).join("; ") || "well"}`;
+      square.title = `${named(machine)}: ${found.map(problem => problem.text).join("; ") || "no problem"}`;
       square.setAttribute("aria-hidden", "true");
       square.addEventListener("click", () => choose(machine));
       return square;
@@ -69,7 +69,7 @@ function draw() {
   const order = ["bad", "warn", "good"];
   const shown = judged.filter(({ found }) => !only || found.length).sort((a, b) => order.indexOf(kind(a.found)) - order.indexOf(kind(b.found)));
   const rows = shown.map(({ machine, found }) => {
-    const tr = row(["", found.map(problem => problem.text).join("; ") || "well", when(machine.last_quantity), when(machine.last_archived),
+    const tr = row(["", found.map(problem => problem.text).join("; ") || "no problem", when(machine.last_quantity), when(machine.last_archived),
       { number: machine.frames.toLocaleString() }, `${machine.session || "\u2013"}${machine.simulated ? " (SIMULATED)" : ""}`]);
     const button = document.createElement("button");
     button.className = "link";

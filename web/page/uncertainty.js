@@ -58,7 +58,7 @@ class Uncertainty {
     this.legend.replaceChildren(
       `Uncertainty of frame ${head.sequence}, standard deviation of ${head.unit}: no lines to ${rounded(bounds[0])}, `,
       ...part("few", ` to ${rounded(bounds[1])}, `), ...part("some", ` to ${rounded(bounds[2])}, `), ...part("many", ` to ${rounded(most)}, `),
-      ...part("nothing", " the frame says nothing of this place"));
+      ...part("nothing", " not determined by this frame"));
     this.legend.hidden = this.details.hidden = false;
     this.tabulate();
   }
@@ -73,7 +73,7 @@ class Uncertainty {
   // what it says of a place of the map, for the line below it
   at(place) {
     if (!this.of || place.deviation === undefined) return "";
-    return Number.isNaN(place.deviation) ? "; the frame says nothing of this place" : `; standard deviation of ${this.of.unit} ${rounded(place.deviation)}`;
+    return Number.isNaN(place.deviation) ? "; not determined by this frame" : `; standard deviation of ${this.of.unit} ${rounded(place.deviation)}`;
   }
 }
 

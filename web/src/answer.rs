@@ -21,7 +21,7 @@ pub(crate) async fn worked<T: Send + 'static>(
     bound: Option<Arc<Semaphore>>,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, (StatusCode, String)> {
-    let stops = || refused(StatusCode::SERVICE_UNAVAILABLE, "the server stops");
+    let stops = || refused(StatusCode::SERVICE_UNAVAILABLE, "the server is stopping");
     let permit = match bound {
         Some(bound) => Some(bound.acquire_owned().await.map_err(|_| stops())?),
         None => None,

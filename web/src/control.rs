@@ -68,8 +68,12 @@ pub(crate) async fn carry_out(address: Option<&Address>, call: Call) -> Result<(
         let (connection, _) = connected.map_err(|error| format!("no daemon: {error}"))?;
         ask(&connection, call).await.map_err(|fault| fault.text())
     });
-    done.await
-        .unwrap_or_else(|_| Err(format!("no answer within {} s", PATIENCE.as_secs())))
+    done.await.unwrap_or_else(|_| {
+        Err(format!(
+            "the daemon did not reply within {} s",
+            PATIENCE.as_secs()
+        ))
+    })
 }
 
 async fn ask(connection: &Connection, call: Call) -> Result<(), Fault> {

@@ -74,7 +74,7 @@ impl Guard {
         if !reads && (method != Method::POST || path != CONTROL) {
             return Some((
                 StatusCode::METHOD_NOT_ALLOWED,
-                "there is nothing to write\n",
+                "only GET, and POST of commands to /api/control, are allowed\n",
             ));
         }
         if !reads && !self.control {
@@ -94,7 +94,7 @@ impl Guard {
         // a form of another site can send other content types without a CORS preflight
         let kind = headers.get(header::CONTENT_TYPE);
         if !reads && kind.is_none_or(|kind| kind != "application/json") {
-            let text = "a command has Content-Type: application/json\n";
+            let text = "a command needs Content-Type: application/json\n";
             return Some((StatusCode::UNSUPPORTED_MEDIA_TYPE, text));
         }
         let bearer = headers
@@ -113,7 +113,8 @@ impl Guard {
 /// Path of commands.
 const CONTROL: &str = "/api/control";
 /// Text for a command that is refused because the page only reads.
-pub(crate) const READ_ONLY: &str = "this page only reads; `tactus web --control` allows commands\n";
+pub(crate) const READ_ONLY: &str =
+    "this page is read-only; `tactus web --control` allows commands\n";
 
 type Refusal = (StatusCode, &'static str);
 

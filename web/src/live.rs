@@ -32,7 +32,7 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 pub async fn follow(address: Option<Address>, live: Live) {
     loop {
         let lost = match connected(address.as_ref(), &live).await {
-            Ok(()) => "the daemon went away".to_owned(),
+            Ok(()) => "the daemon has closed the connection".to_owned(),
             Err(error) => error.to_string(),
         };
         live.change(|snapshot| {

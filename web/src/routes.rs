@@ -175,7 +175,7 @@ fn kept(known: Option<OfSession<Arc<[u8]>>>) -> Response {
 /// requests the next one when it has read the response: over a slow link it gets fewer states, but no old ones.
 async fn next_state(State(mut shared): State<Shared>, Path(known): Path<String>) -> Response {
     let Ok(known) = known.parse::<u64>() else {
-        return (StatusCode::BAD_REQUEST, "a version is a number\n").into_response();
+        return (StatusCode::BAD_REQUEST, "the version must be a number\n").into_response();
     };
     let Ok(_permit) = Arc::clone(&shared.waiting).try_acquire_owned() else {
         let text = format!("{WAITING} pages are connected already; close one\n");

@@ -74,7 +74,7 @@ fn parsed(access: &Access) -> Result<(Config, Endpoint), CatalogueError> {
     let wrong = |why: String| CatalogueError::Dsn(why);
     let mut config: Config = access.dsn.parse().map_err(|error: tokio_postgres::Error| {
         wrong(format!(
-            "{}; write `host=HOST dbname=DATABASE user=ROLE`, with `port=` where it is not 5432",
+            "{}; write `host=HOST dbname=DATABASE user=ROLE`, with `port=` if it is not 5432",
             survey::error_chain(&error)
         ))
     })?;

@@ -94,7 +94,7 @@ fn an_alarm_of_all_sheets_is_found_and_played() {
     let counts = browser.value("byId('counts').textContent");
     assert_eq!(
         counts,
-        "1 machine: 1 with an active alarm, 0 to look at, 0 well"
+        "1 machine: 1 with an active alarm, 0 with another problem, 0 without problems"
     );
     browser.value("document.querySelector('#machines button').click(), 0");
     browser.until("document.querySelector('#machine-sessions a')");

@@ -59,7 +59,9 @@ async fn history(
 ) -> Answer {
     let hours = hours.parse().ok().filter(|h| (1..=LONGEST_H).contains(h));
     let (Some(hours), true) = (hours, region == SHEET || is_name(&region)) else {
-        let text = format!("a history is history/HOURS/REGION, with 1 to {LONGEST_H} hours");
+        let text = format!(
+            "the address of a history is history/HOURS/REGION, with 1 to {LONGEST_H} hours"
+        );
         return Err(refused(StatusCode::BAD_REQUEST, text));
     };
     // the lock lets one request compute at a time; the next one finds the response of the first

@@ -180,7 +180,7 @@ async fn map(
 ) -> Answer {
     let asked = kind_of(&kind).zip(place_of(&by, &number));
     let (kind, place) = asked.ok_or_else(|| {
-        let text = "a map is maps/KIND/frame/NUMBER or maps/KIND/ms/TIME, with KIND quick, exact, unrelieved or deviation";
+        let text = "the address of a map is maps/KIND/frame/NUMBER or maps/KIND/ms/TIME, with KIND quick, exact, unrelieved or deviation";
         refused(StatusCode::BAD_REQUEST, text.to_owned())
     })?;
     let played = shared

@@ -91,7 +91,10 @@ fn every_query_of_the_dashboard_gives_the_known_rows() {
     assert_eq!(of("Machines")[0]["machines"], 2);
     assert_eq!(of("Silent for an hour or longer")[0]["silent"], 0);
     assert_eq!(of("Machines with an active alarm")[0]["alarms"], 2);
-    assert_eq!(of("Sessions that go on or lack parts")[0]["incomplete"], 1);
+    assert_eq!(
+        of("Sessions that continue or lack parts")[0]["incomplete"],
+        1
+    );
     let sheets = of("All sheets");
     let machine = sheets.iter().find(|row| row["site"] == "berlin").unwrap();
     assert_eq!(
