@@ -19,6 +19,8 @@ const LEAST_UNEVEN: f64 = 0.1;
 /// Least relative loss against the fitted median, in standard deviations of the fitted conductance over the region. A
 /// sheet that is uneven everywhere has places of more than [`LEAST_UNEVEN`] without a load.
 const LEAST_DEVIATIONS: f64 = 4.0;
+/// The remedy for a loss that this baseline shows. A loss of the previous baseline needs none: this one replaces it.
+const TAKE_OFF: &str = ": if a load is on the sheet, take it off and record again";
 /// Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 const OF_MEDIAN: f64 = 1.4826;
 
@@ -37,12 +39,15 @@ pub fn baseline_remarks(
         let noise = against(baseline) * (per_frame(baseline) + per_frame(before)).sqrt();
         let change = (before.readings.as_slice(), baseline.readings.as_slice());
         if let Some(seen) = loss_between(model, change, noise, LEAST_CHANGE) {
-            remarks.push(format!("against baseline {} {seen}", before.id));
+            remarks.push(format!(
+                "against baseline {} it {seen}{TAKE_OFF}",
+                before.id
+            ));
         }
         // the reverse comparison: a load on the sheet during the previous baseline
         if let Some(seen) = loss_between(model, (change.1, change.0), noise, LEAST_CHANGE) {
             remarks.push(format!(
-                "baseline {} before it {seen}; it may have been taken with a load",
+                "the baseline before it, {}, {seen}: that one may have been recorded with a load",
                 before.id
             ));
         }
@@ -56,13 +61,13 @@ pub fn baseline_remarks(
     remarks.extend(geometry.ring_remark(model.reconstructor.protocol(), &baseline.readings));
     if !geometry.is_sheet() {
         let seen = against_uniform(model, geometry, baseline);
-        remarks.extend(seen.map(|seen| format!("against a uniform sheet it {seen}")));
+        remarks.extend(seen.map(|seen| format!("against a uniform sheet it {seen}{TAKE_OFF}")));
         return remarks;
     }
     match sheet_fit(model, geometry, baseline) {
         Ok(fit) => {
             let seen = uneven(&fit, geometry);
-            remarks.extend(seen.map(|seen| format!("the sheet fitted to it {seen}")));
+            remarks.extend(seen.map(|seen| format!("the sheet fitted to it {seen}{TAKE_OFF}")));
             remarks.extend(contacts(&fit));
         }
         Err(why) => remarks.push(format!(
@@ -170,9 +175,82 @@ fn loss_between(
 
 fn loss_at(loss: f64, [x, y]: [f64; 2]) -> String {
     format!(
-        "shows a loss of {:.0} % at ({:.0}, {:.0}) mm: if a load is on the sheet, take it off and record again",
+        "shows a loss of {:.0} % at ({:.0}, {:.0}) mm",
         100.0 * loss,
         1e3 * x,
         1e3 * y
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use eit::DiscTank;
+    use survey::{Amps, Precautions, Protocol, Settings};
+
+    use super::*;
+    use crate::{GeometrySettings, PresetName, ReconstructionSettings, build};
+
+    const CURRENT: Amps = Amps(1e-3);
+
+    /// A baseline of a tank; `loss`: of the conductance on a disc, 0 for an empty tank.
+    fn baseline(id: &str, geometry: &Geometry, protocol: &Protocol, loss: f64) -> Baseline {
+        let mut sigma = geometry.sigma0.clone();
+        for (triangle, sigma) in sigma.iter_mut().enumerate() {
+            let [x, y] = geometry.mesh.centroid(triangle);
+            if (x - 0.06).hypot(y) < 0.03 {
+                *sigma *= 1.0 - loss;
+            }
+        }
+        let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).unwrap();
+        let ohms = forward.readings(&sigma, protocol).unwrap();
+        let readings = Reading::of_volts(ohms.iter().map(|ohms| CURRENT.0 * ohms));
+        Baseline {
+            id: id.to_owned(),
+            deviation: vec![Some(1e-6); readings.len()],
+            readings,
+            frames: 4,
+            wall: chrono::DateTime::UNIX_EPOCH,
+            settings: Settings {
+                protocol_hash: protocol.hash(),
+                current: CURRENT,
+                range: Volts(1.0),
+                nplc: 1.0,
+                settle: Duration::ZERO,
+                wiring: "simulated".into(),
+                precautions: Precautions::default(),
+            },
+            simulated: true,
+        }
+    }
+
+    #[test]
+    fn only_a_load_on_this_baseline_is_to_be_taken_off() {
+        let geometry = GeometrySettings {
+            preset: Some(PresetName::DiscTank),
+            disc_tank: Some(DiscTank {
+                fineness: 0.25,
+                ..DiscTank::default()
+            }),
+            ..GeometrySettings::default()
+        }
+        .geometry(None)
+        .unwrap();
+        let protocol = Protocol::sheffield(geometry.electrodes()).unwrap();
+        let conditions = Conditions::live(&geometry, &protocol, CURRENT);
+        let model = build(&ReconstructionSettings::default(), &conditions).unwrap();
+        let empty = baseline("empty", &geometry, &protocol, 0.0);
+        let loaded = baseline("loaded", &geometry, &protocol, 0.8);
+        let remarked = |of: &Baseline, before: &Baseline, begins: &str| {
+            let remarks = baseline_remarks(&model, &geometry, of, Some(before));
+            let found = remarks.iter().find(|remark| remark.starts_with(begins));
+            found.unwrap_or_else(|| panic!("{remarks:?}")).clone()
+        };
+        let this = remarked(&loaded, &empty, "against baseline empty it shows a loss of");
+        assert!(this.ends_with(TAKE_OFF), "{this}");
+        let begins = "the baseline before it, loaded, shows a loss of";
+        let before = remarked(&empty, &loaded, begins);
+        assert!(!before.contains("take it off"), "{before}");
+    }
 }
