@@ -1,4 +1,4 @@
-"""What a write and a query, and a frame of 26 x 26 readings, cost a user of pyvisa as it comes.
+"""What a write and a query, and a frame of 26 x 26 readings, take with unmodified pyvisa.
 
     python pyvisa_speed.py TRIVIAL SOURCE MAINFRAME
 

@@ -68,7 +68,7 @@ async fn main() -> Result<(), AnyError> {
             peer.filter(|_| profile == "pairs-34924a")
                 .map_or(String::new(), |(_, frame)| {
                     format!(
-                        " (pyvisa as it comes, 104 messages: {:.0} times as long)",
+                        " (unmodified pyvisa, 104 messages: {:.0} times as long)",
                         frame / least
                     )
                 });
@@ -284,7 +284,7 @@ impl Script {
         let (received, answered) = &self.answers[self.next];
         assert_eq!(
             received, line,
-            "the conversation is another one than was recorded"
+            "the conversation differs from the recorded one"
         );
         self.next += 1;
         answered.clone()
@@ -326,7 +326,7 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
     let mut stream = |instrument: Instrument| {
         streams
             .remove(&instrument.to_string())
-            .ok_or("served just above")
+            .ok_or("no connection to this instrument is left")
     };
     let rig = connect(stream(Instrument::Source)?, stream(Instrument::Mainframe)?).await?;
     let mut least = Duration::MAX;
@@ -384,7 +384,7 @@ async fn closing() -> Result<f64, AnyError> {
         let mut link = Link::new(connect_tcp(&address, DEADLINE).await?, "closing", DEADLINE);
         let lost = link.ask("*IDN?").await;
         let noticed = Instant::now();
-        assert!(lost.is_err(), "nobody answered");
+        assert!(lost.is_err(), "no answer was expected");
         let closed: Instant = closes.recv()?;
         worst = worst.max(noticed.saturating_duration_since(closed).as_secs_f64());
     }

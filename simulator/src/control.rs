@@ -84,7 +84,7 @@ fn execute(rig: &SimulatedRig, line: &str) -> Value {
         ["status"] => return serde_json::to_value(rig.status()).unwrap_or_default(),
         ["release"] => match rig.release() {
             true => Ok(()),
-            false => Err("nothing is pressed on the sheet that could be released".to_owned()),
+            false => Err("no load was added with press, so there is none to release".to_owned()),
         },
         ["press", numbers @ ..] => press(rig, numbers),
         _ => line

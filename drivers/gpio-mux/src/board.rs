@@ -38,7 +38,7 @@ impl<C: GpioChip> GpioBoard<C> {
         };
         if electrodes > 32 {
             return Err(board.unable(format!(
-                "lead {electrodes} electrodes: two 16-way chips a pole have 32"
+                "connect {electrodes} electrodes: it has 32, two 16-way chips for each pole"
             )));
         }
         board.all_off()?;

@@ -88,7 +88,7 @@ pub enum RigError {
         relays: Vec<Relay>,
     },
     /// Injecting relays whose read-back differs from their commanded state.
-    #[error("the relays are not as they were switched:{}{}", text(" read open: ", .open), text(" read closed: ", .closed))]
+    #[error("relays are not in the commanded state:{}{}", text(" read open: ", .open), text(" read closed: ", .closed))]
     RelayMismatch {
         /// Relays that read open and should be closed.
         open: Vec<FoundRelay>,
@@ -108,7 +108,9 @@ pub enum RigError {
         expected: String,
     },
     /// A current beyond the source's limits or its prepared range.
-    #[error("{instrument}: {requested} is outside its {most}; nothing is clipped")]
+    #[error(
+        "{instrument}: a current of {requested} is over its maximum of {most}; set a smaller one"
+    )]
     CurrentOutOfRange {
         /// Name and address.
         instrument: String,
@@ -118,7 +120,7 @@ pub enum RigError {
         most: Amps,
     },
     /// A voltage limit or range that the instrument does not have.
-    #[error("{instrument}: {requested} cannot be set, {allowed} can")]
+    #[error("{instrument}: {requested} cannot be set; possible: {allowed}")]
     VoltageOutOfRange {
         /// Name and address.
         instrument: String,

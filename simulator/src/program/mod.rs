@@ -41,9 +41,13 @@ enum Command {
     /// Serve the instruments until stopped; prints one line of JSON once clients can connect.
     Serve(Serve),
     /// Start or end a fault in a served rig.
-    #[command(after_help = GRAMMAR.as_str())]
+    #[command(
+        after_help = GRAMMAR.as_str(),
+        mut_arg("words", |words| words.help("The fault: a line of the list below"))
+    )]
     Fault(Words),
-    /// Press a disc on the sheet of a served rig: X_MM Y_MM DIAMETER_MM LOSS_PERCENT.
+    /// Press a disc on the sheet of a served rig.
+    #[command(mut_arg("words", |words| words.help("X_MM Y_MM DIAMETER_MM LOSS_PERCENT")))]
     Press(Words),
     /// Remove the pressed loads.
     Release(Control),
@@ -72,7 +76,7 @@ struct Control {
 struct Words {
     #[command(flatten)]
     control: Control,
-    /// Arguments of the command, as above.
+    /// Arguments of the command.
     #[arg(required = true, allow_negative_numbers = true)]
     words: Vec<String>,
 }

@@ -32,7 +32,9 @@ impl SimulatedRig {
         let mut received = {
             let mut instruments = self.instruments();
             if self.has_ended(session) {
-                tracing::debug!("a message to the {instrument} is dropped: its client has left");
+                tracing::debug!(
+                    "a message to the {instrument} is dropped: its client has disconnected"
+                );
                 return MessageOutcome::default();
             }
             let at = instruments.now();

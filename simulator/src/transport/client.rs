@@ -310,7 +310,7 @@ where
                 }
             }
             () = &mut grace, if *half_closed => {
-                return Err(io::Error::new(io::ErrorKind::TimedOut, "its client has left"));
+                return Err(io::Error::new(io::ErrorKind::TimedOut, "its client has disconnected"));
             }
         }
     }
@@ -403,7 +403,7 @@ where
                 End::Clean
             }
             Err(fault) => {
-                tracing::debug!("{address} left the {}: {fault}", client.instrument);
+                tracing::debug!("{address} disconnected from the {}: {fault}", client.instrument);
                 End::Abnormal
             }
         }

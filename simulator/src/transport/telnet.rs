@@ -44,7 +44,7 @@ async fn converse(rig: SimulatedRig, mut stream: impl Stream, address: String) {
         biased;
         () = client.cut() => {}
         ended = answer(&client, &mut stream) => if let Err(fault) = ended {
-            tracing::debug!("telnet {address} left: {fault}");
+            tracing::debug!("telnet {address} disconnected: {fault}");
         }
     }
 }

@@ -276,7 +276,7 @@ fn what_a_rig_does_not_have_is_refused_with_its_reason() {
             "at 500, 500 mm covers no part of the sheet",
         ),
         ("press", "1 2 3 x 5", "a press is written press X_MM Y_MM"),
-        ("release", "", "nothing is pressed on the sheet"),
+        ("release", "", "no load was added with press"),
         (
             "fault",
             "stuck-open 9999",

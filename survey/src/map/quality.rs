@@ -210,7 +210,7 @@ impl fmt::Display for Doubt {
             ),
             Self::Unexplained { share } => write!(
                 f,
-                "no map of the whole sheet explains {:.0} % of the change",
+                "{:.0} % of the change is not explained by any map of the whole sheet",
                 100.0 * share
             ),
             Self::AtElectrode { electrode } => write!(
@@ -253,7 +253,7 @@ impl fmt::Display for Doubt {
             }
             Self::Novelty { ratio } => write!(
                 f,
-                "the frame's distance from the training inputs is {ratio:.1} times that within which 99.9 % of them lie"
+                "the frame's distance from the training inputs is {ratio:.1} times the distance within which 99.9 % of them lie"
             ),
         }
     }

@@ -64,7 +64,7 @@ pub enum PlanError {
     #[error("a current of {0} cannot be injected; give a positive one")]
     NotACurrent(Amps),
     /// Over the source's limit.
-    #[error("{requested} is over the source's {most}; nothing is clipped, set less")]
+    #[error("a current of {requested} is over the source's maximum of {most}; set a smaller one")]
     SourceCurrent {
         /// Requested.
         requested: Amps,
@@ -72,7 +72,9 @@ pub enum PlanError {
         most: Amps,
     },
     /// Over the relays' limit.
-    #[error("{requested} is over the {most} that a relay of this wiring carries; set less")]
+    #[error(
+        "a current of {requested} is over the {most} that a relay of this wiring carries; set a smaller one"
+    )]
     RelayCurrent {
         /// Requested.
         requested: Amps,
@@ -80,7 +82,9 @@ pub enum PlanError {
         most: Amps,
     },
     /// Compliance outside the source's range.
-    #[error("a compliance of {requested} is outside the source's {least} to {most}")]
+    #[error(
+        "a compliance of {requested} is outside the source's range of {least} to {most}; set one within it"
+    )]
     Compliance {
         /// Requested.
         requested: Volts,
@@ -91,7 +95,7 @@ pub enum PlanError {
     },
     /// Compliance over what an open relay withstands.
     #[error(
-        "a compliance of {requested} is over the {most} that an open relay of this wiring withstands"
+        "a compliance of {requested} is over the {most} that an open relay of this wiring withstands; set a smaller one"
     )]
     RelayVoltage {
         /// Requested.

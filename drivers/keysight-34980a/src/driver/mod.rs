@@ -265,13 +265,13 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
         self.check_range(meter.range)?;
         if !INTEGRATION.iter().any(|(nplc, _)| *nplc == meter.nplc) {
             return Err(self.unable(format!(
-                "integrate over {} power-line cycles; 0.02, 0.2, 1, 2, 10, 20, 100 and 200 can be",
+                "integrate over {} power-line cycles; set 0.02, 0.2, 1, 2, 10, 20, 100 or 200",
                 meter.nplc
             )));
         }
         if !(1..=MOST_SWEEPS).contains(&meter.averages) {
             return Err(self.unable(format!(
-                "average {} readings; 1 to {MOST_SWEEPS} can be",
+                "average {} readings; set 1 to {MOST_SWEEPS}",
                 meter.averages
             )));
         }
@@ -279,7 +279,7 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
             || !meter.channel_delay.subsec_micros().is_multiple_of(1000)
         {
             return Err(self.unable(format!(
-                "wait {:?} before each channel; 0 to 60 s can be, in whole milliseconds",
+                "wait {:?} before each channel; set 0 to 60 s, in whole milliseconds",
                 meter.channel_delay
             )));
         }
@@ -319,7 +319,7 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
             && wait > LONGEST_DELAY
         {
             return Err(self.unable(format!(
-                "wait {wait:?} before a channel; 0 to {LONGEST_DELAY:?} can be, settling included"
+                "wait {wait:?} before a channel; the longest delay is {LONGEST_DELAY:?}, settling included"
             )));
         }
         let prepared = unit.prepared.as_ref().map(|prepared| &prepared.scan);

@@ -264,7 +264,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     fn unsolicited(&mut self) -> LinkError {
         let text = String::from_utf8_lossy(&self.received).trim().to_owned();
         self.received.clear();
-        self.note(|| EntryContent::Note(format!("unasked: {text}")));
+        self.note(|| EntryContent::Note(format!("received without a query: {text}")));
         LinkError::Unsolicited {
             instrument: self.instrument.clone(),
             text: shorten(&text),

@@ -229,7 +229,7 @@ impl FromStr for Fault {
                 .ok_or_else(|| format!("there is no line '{line}', lines are 1 to 6")),
             ["serial", state] => either(state, "plug", "unplug").map(Self::Serial),
             ["none"] => Ok(Self::None),
-            [] => Err("it has no words".to_owned()),
+            [] => Err("it is empty; 'tactus-sim fault --help' lists the kinds".to_owned()),
             [first, ..] => Err(GRAMMAR
                 .lines()
                 .find(|line| line.split_whitespace().next() == Some(first))
@@ -298,7 +298,7 @@ mod tests {
     #[test]
     fn unknown_words_are_refused_with_the_known_ones() {
         for (words, reported) in [
-            ("", "it has no words"),
+            ("", "it is empty; 'tactus-sim fault --help'"),
             ("fire 6221", "tactus-sim fault --help"),
             (
                 "wire 6221",
