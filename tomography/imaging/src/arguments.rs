@@ -14,7 +14,7 @@ use crate::settings::{
 #[derive(Debug, Clone, Default, PartialEq, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub struct MethodArguments {
-    /// Method [default: what the session used; of a recording without a configuration best]
+    /// Method [default: what the session used; best for a recording without a configuration]
     #[arg(long, value_enum, value_name = "METHOD", conflicts_with = "model")]
     pub method: Option<Method>,
     /// Trained model file in place of a method
@@ -31,7 +31,7 @@ pub struct MethodArguments {
     /// quality check of maps expects [default: what the session used, else measured from the baseline]
     #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
-    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V); a number
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (for readings in V, not normalised); a number
     /// above 0 [default: by --choose]
     #[arg(long, value_name = "X", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub lambda: Option<f64>,

@@ -17,7 +17,7 @@ pub enum Method {
     Best,
     /// Total variation, to a stated gap
     Tv,
-    /// The paper's Eq. 4 and 5 as printed: one linear, quadratic step, alpha 1e-6 (lambda: another)
+    /// The paper's Eq. 4 and 5 as printed: one linear, quadratic step, alpha 1e-6 unless lambda is given
     TvPaper,
     /// Trained linear map: a model file; tactus-lab reconstruct trains one for the case
     Linear,

@@ -290,11 +290,11 @@ fn a_contact_belongs_to_its_shape() {
     for (rest, wanted) in [
         (
             "shape = \"disc\"\ndiameter_mm = 10\nloss_percent = 30\ncontact = \"punch\"",
-            "7:11: contact \"punch\" is that of a disc with mass_g",
+            "7:11: contact \"punch\" is only for a disc with mass_g",
         ),
         (
             "shape = \"triangle\"\nside_mm = 10\nmass_g = 30\ncontact = \"punch\"",
-            "7:11: contact \"punch\" is that of a disc with mass_g",
+            "7:11: contact \"punch\" is only for a disc with mass_g",
         ),
         (
             "shape = \"sphere\"\ndiameter_mm = 10\nmass_g = 30\ncontact = \"even\"",
@@ -302,7 +302,7 @@ fn a_contact_belongs_to_its_shape() {
         ),
         (
             "shape = \"sphere\"\ndiameter_mm = 10\nloss_percent = 30",
-            "1:1: what a sphere touches follows from its force: it needs mass_g",
+            "1:1: the contact of a sphere is computed from its force: give mass_g",
         ),
         (
             "shape = \"sphere\"\ndiameter_mm = 10\nmass_g = 3000",

@@ -208,11 +208,12 @@ impl Study<'_> {
         let (content, end) = text
             .strip_suffix('\n')
             .and_then(|text| text.rsplit_once('\n'))
-            .ok_or_else(|| damaged("it has no end"))?;
+            .ok_or_else(|| damaged("its last line is missing"))?;
         let mut hasher = Sha256::new();
         hasher.update(content);
         hasher.update("\n");
-        let end: Value = serde_json::from_str(end).map_err(|_| damaged("its end is no JSON"))?;
+        let end: Value =
+            serde_json::from_str(end).map_err(|_| damaged("its last line is not JSON"))?;
         if end["sha256"] != hex(hasher) || end["items"] != range.len() {
             return Err(damaged("its content does not match its checksum"));
         }

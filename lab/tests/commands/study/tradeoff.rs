@@ -98,7 +98,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     ));
     assert_eq!(too_much.status.code(), Some(1));
     assert!(
-        message(&too_much).contains("None of the table is good enough"),
+        message(&too_much).contains("No setting of the table is good enough"),
         "{}",
         message(&too_much)
     );

@@ -107,8 +107,8 @@ pub enum CalibrationError {
     },
     /// Maps of several methods.
     #[error(
-        "the map of '{first}' is by '{method}', that of '{other}' by '{another}'; a calibration is of one method: name one whose maps are \
-         all of one kind, such as one-step or tv"
+        "the map of '{first}' is by '{method}', that of '{other}' by '{another}'; a calibration needs maps of one method: choose one that \
+         does not change from frame to frame, such as one-step or tv"
     )]
     Methods {
         /// The first press.

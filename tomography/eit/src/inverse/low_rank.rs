@@ -129,8 +129,8 @@ impl Quick {
     /// User-readable description.
     pub(crate) fn description(&self) -> String {
         format!(
-            "maps from {} of {} directions of the data in f32, where that is proved to be within {:e} of the map's largest \
-             value; else from the whole matrix",
+            "maps from {} of {} combinations of readings in f32 if their error is proved to be at most {:e} of the map's \
+             largest value, otherwise from the whole matrix",
             self.rank, self.data, self.error
         )
     }

@@ -158,10 +158,16 @@ impl DiscTank {
             ));
         }
         reasonable_fineness(PRESET, self.fineness)?;
-        if self.electrode_edges > 64 || !(0.005..=0.5).contains(&self.largest_share) {
+        if self.electrode_edges > 64 {
             return refuse(format!(
-                "electrode_edges is {} and largest_share {}; at most 64, and 0.005 to 0.5, make a mesh",
-                self.electrode_edges, self.largest_share
+                "electrode_edges is {}, it must be at most 64",
+                self.electrode_edges
+            ));
+        }
+        if !(0.005..=0.5).contains(&self.largest_share) {
+            return refuse(format!(
+                "largest_share is {}, it must be 0.005 to 0.5",
+                self.largest_share
             ));
         }
         if !self.first_deg.is_finite() {

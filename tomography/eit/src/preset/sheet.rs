@@ -199,7 +199,10 @@ impl PaperSheet {
         for (k, a) in centres.iter().enumerate() {
             for b in &centres[..k] {
                 if (a[0] - b[0]).abs().max((a[1] - b[1]).abs()) <= self.void_mm {
-                    return refuse(format!("void_mm {} lets two electrodes meet", self.void_mm));
+                    return refuse(format!(
+                        "void_mm is {}, two electrodes would meet: make it smaller",
+                        self.void_mm
+                    ));
                 }
             }
         }

@@ -76,7 +76,8 @@ fn one_step(
     )?;
     let mut notes: Vec<String> = note.into_iter().chain(raised(&one_step)).collect();
     notes.push(
-        "best: networks of 100 neurons blur small loads at any noise, and are not used".to_owned(),
+        "best: networks are not used, because those of 100 neurons blur small loads at any noise"
+            .to_owned(),
     );
     Ok(Prepared::quick(one_step, notes, conditions))
 }

@@ -42,13 +42,13 @@ pub(super) fn hyper(
         return Ok((Hyper::Lambda(lambda), None));
     }
     if let Some(figure) = settings.noise_figure {
-        let note = "lambda is the one with the requested noise figure";
+        let note = "lambda is chosen for the requested noise figure";
         return Ok((Hyper::NoiseFigure(figure), Some(note.to_owned())));
     }
     let current = conditions.current.0;
     let Some(rule) = settings.frame_rule() else {
         let volts = noise_v(settings, conditions);
-        let note = format!("lambda is for a noise of {volts:.2e} in the readings' unit");
+        let note = format!("lambda is chosen for a noise of {volts:.2e} in the readings' unit");
         return Ok((Hyper::Noise { volts, current }, Some(note)));
     };
     if settings.map_error.is_some() {

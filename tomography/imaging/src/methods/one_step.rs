@@ -68,7 +68,7 @@ pub(super) fn solver(
 pub(super) fn raised(one_step: &OneStep) -> Option<String> {
     let lambda = one_step.lambda().filter(|_| one_step.raised())?;
     Some(format!(
-        "the noise permits more than the accuracy of a linear model: lambda is raised to {lambda:.3e}, {:e} of the model's size",
+        "the noise is below the error of a linear model: lambda is raised to {lambda:.3e}, {:e} of the model's size",
         eit::MODEL_SHARE
     ))
 }

@@ -309,11 +309,11 @@ fn contact(
     match (shape, named) {
         (ShapeName::Sphere, Some(named)) => Err(Fault(
             named.span(),
-            "a sphere has its own contact; the key is for the other shapes".to_owned(),
+            "a sphere has its own contact: delete the key, it is for the other shapes".to_owned(),
         )),
         (ShapeName::Sphere, None) if !by_mass => Err(Fault(
             span.clone(),
-            "what a sphere touches follows from its force: it needs mass_g".to_owned(),
+            "the contact of a sphere is computed from its force: give mass_g instead of loss_percent".to_owned(),
         )),
         (ShapeName::Sphere, None) => match load.shape {
             Shape::Disc { diameter_mm } => Ok(Contact::Sphere {
@@ -325,7 +325,7 @@ fn contact(
             if shape == ShapeName::Disc && by_mass {
                 return Ok(Contact::Punch);
             }
-            let why = "contact \"punch\" is that of a disc with mass_g, and of no other load";
+            let why = "contact \"punch\" is only for a disc with mass_g";
             Err(Fault(named.span(), why.to_owned()))
         }
         _ => Ok(Contact::Even),
@@ -341,8 +341,8 @@ impl TimedLoad {
             if contact > radius_mm {
                 return Err(format!(
                     "{mass_g} g press a sphere of {radius_mm} mm radius into foam of {modulus} kPa beyond its middle \
-                     (contact radius {contact:.1} mm): a larger diameter_mm, less mass_g or a larger \
-                     pressure.modulus_kpa is allowed"
+                     (contact radius {contact:.1} mm): give a larger diameter_mm, a smaller mass_g or a larger \
+                     pressure.modulus_kpa"
                 ));
             }
         }

@@ -85,17 +85,17 @@ pub fn advise(options: &Request) -> Result<Point, Failure> {
             );
             message += &match quickest {
                 Some(point) => format!(
-                    "\nGood enough takes {:.2} s: {}, {}.",
+                    "\nThe fastest that is good enough takes {:.2} s: {}, {}.",
                     point.time, point.line, point.setting
                 ),
-                None => "\nNone of the table is good enough.".to_owned(),
+                None => "\nNo setting of the table is good enough.".to_owned(),
             };
             message += &match best {
                 Some(point) => format!(
                     "\nThe best in that time is {:.2} mm: {}, {} ({:.2} s).",
                     point.error, point.line, point.setting, point.time
                 ),
-                None => "\nNone of the table is quick enough.".to_owned(),
+                None => "\nNo setting of the table is fast enough.".to_owned(),
             };
             Err(Failure::because(message))
         }

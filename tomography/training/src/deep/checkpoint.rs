@@ -30,7 +30,7 @@ pub(super) struct TrainingState {
 pub enum CheckpointFault {
     /// The checkpoint cannot be written.
     #[error(
-        "checkpoint {path}: free space or give another --checkpoint, then the same command continues from the last checkpoint"
+        "checkpoint {path} cannot be written: free space or give another --checkpoint; the same command then continues from the last checkpoint"
     )]
     Unwritten {
         /// The file.
@@ -143,7 +143,7 @@ pub(super) fn read(
         .metadata()
         .as_ref()
         .and_then(|entries| entries.get(KEY))
-        .ok_or_else(|| damaged("it is no checkpoint".to_owned()))?;
+        .ok_or_else(|| damaged("it is not a checkpoint".to_owned()))?;
     let course: TrainingState =
         serde_json::from_str(text).map_err(|fault| damaged(fault.to_string()))?;
     if course.fingerprint != fingerprint {

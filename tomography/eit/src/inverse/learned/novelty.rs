@@ -60,6 +60,6 @@ pub(crate) fn unexplained(
     Some(Novelty {
         value: (left / free as f64).sqrt(),
         limit: NEW,
-        measure: "root mean square of what no map explains, in standard deviations of the noise",
+        measure: "root mean square of the change that no map explains, in standard deviations of the noise",
     })
 }

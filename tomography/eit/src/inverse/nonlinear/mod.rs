@@ -348,7 +348,7 @@ impl Reconstructor for NonlinearTv {
                     "white noise with a deviation of {noise:.2e} on each change, and an error of the model of {:.1} % of the change",
                     100.0 * MODEL_ERROR
                 ),
-                None => "errors of a size that the frame itself shows".to_owned(),
+                None => "the size of the errors is estimated from each frame".to_owned(),
             },
             match self.most_gain {
                 None => "loads only reduce conductance".to_owned(),

@@ -260,7 +260,7 @@ impl Reconstructor for OneStep {
                 self.method, fixed.lambda
             ),
             Solver::Frame(rule) => format!(
-                "{}, lambda of each frame {}",
+                "{}, lambda of each frame chosen {}",
                 self.method,
                 rule.description()
             ),
@@ -287,7 +287,7 @@ impl Reconstructor for OneStep {
         }
         if self.raised() {
             notes.push(format!(
-                "the noise permits a smaller lambda, but a linear model is not exact to more than {MODEL_SHARE:e} of its size"
+                "the noise permits a smaller lambda, but a linear model is not accurate enough for less than {MODEL_SHARE:e} of its size"
             ));
         }
         if let (Some(_), Some(most)) = (&self.bounded, self.most_gain) {

@@ -364,7 +364,7 @@ impl Reconstructor for Tv {
             "linear in the change of conductance".to_owned(),
         ];
         let rank = format!(
-            "{} of {} directions of the data, those in which a map of root mean square 0.1 shows more than {UNSEEN:e} of it",
+            "{} of {} combinations of readings are used: those that a map of root mean square 0.1 changes by more than {UNSEEN:e} of the noise",
             self.rank(),
             self.protocol.len()
         );
@@ -373,10 +373,10 @@ impl Reconstructor for Tv {
                 notes.push("alpha was given, readings have equal weight".to_owned());
             }
             (_, Some(rule), noise) => notes.push(format!(
-                "alpha is for errors of {:.2e} and grows with those of each frame, which follow {}; at least {}; {rank}",
+                "alpha is for errors of {:.2e} and grows with the errors of each frame, which are chosen {} and are at least {}; {rank}",
                 self.deviation,
                 rule.description(),
-                noise.map_or("the linear model's".to_owned(), |volts| format!(
+                noise.map_or("those of the linear model".to_owned(), |volts| format!(
                     "white noise of {volts:.2e} V on each reading at {:.2e} A",
                     options.current_a
                 )),

@@ -115,7 +115,9 @@ pub enum TvError {
         value: f64,
     },
     /// No reading depends on any triangle of the region.
-    #[error("no reading follows the conductance of any triangle of the region beyond its noise")]
+    #[error(
+        "no triangle of the region changes any reading by more than its noise; check the noise and the current"
+    )]
     Blind,
 }
 

@@ -166,7 +166,7 @@ fn training_numbers(metadata: &Metadata) -> Result<(), String> {
     match &metadata.report {
         Report::Rbf(report) if !(report.familiar >= 0.0 && report.familiar.is_finite()) => {
             Err(format!(
-                "its training inputs lie within {} spreads of a centre, which is no distance; train it again",
+                "its training inputs lie within {} spreads of a centre, which is not a possible distance; train it again",
                 report.familiar
             ))
         }

@@ -76,7 +76,7 @@ pub enum DeepFault {
     },
     /// Fewer samples than a batch.
     #[error(
-        "{cases} cases with {repeats} copies are fewer samples than a batch of {batch}, beside {held_out} held out"
+        "{cases} cases with {repeats} copies ({held_out} more are held out) are fewer samples than a batch of {batch}: more cases or a smaller batch are needed"
     )]
     Few {
         /// Number of cases that are not held out.

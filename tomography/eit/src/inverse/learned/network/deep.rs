@@ -87,7 +87,7 @@ impl Reconstructor for DeepReconstructor {
         Ok(Some(Novelty {
             value: self.familiar.novelty(&input),
             limit: FAMILIAR,
-            measure: "Mahalanobis distance from the training inputs, over the one within which 99.9 % of them lie",
+            measure: "Mahalanobis distance from the training inputs, divided by the distance within which 99.9 % of them lie",
         }))
     }
 

@@ -83,13 +83,13 @@ impl OnnxReconstructor {
             }
         }
         let mut assumptions =
-            vec!["trained elsewhere: nothing is known of its training".to_owned()];
+            vec!["trained elsewhere: nothing is known about its training".to_owned()];
         if !notes.is_empty() {
             assumptions.push(format!("its file names this {}", notes.join(" and ")));
         }
         if !unreported.is_empty() {
             assumptions.push(format!(
-                "its file has no metadata {}: of that only the counts of inputs and outputs are checked",
+                "its file has no metadata {}: only the numbers of inputs and outputs were checked",
                 unreported.join(", ")
             ));
         }
