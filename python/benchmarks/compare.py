@@ -1,4 +1,4 @@
-"""Times and memory of tactus_eit beside pyEIT, scipy and the Rust engine on the same triangles, as tables in Markdown.
+"""Times and memory of tactus_eit, compared with pyEIT, scipy and the Rust engine on the same triangles, as tables in Markdown.
 
     python benchmarks/compare.py [--triangles 1000 10000 40000] [--electrodes 16 26 32] [--limit 120] [--gigabytes 6]
 
@@ -15,8 +15,8 @@ electrode model on some edges. Works:
 - memory: the most that the four works took above what the process had with its mesh
 
 Each engine is a process of its own with one thread, and works in turns with the others. A time is the processor time of a call (on a quiet
-machine its duration, and hardly more on a busy one), the shortest of several. A turn that takes longer than --limit seconds by the clock on
-the wall, or more than --gigabytes, ends that engine for this mesh.
+machine its duration, and hardly more on a busy one), the shortest of several. A turn that takes longer than --limit seconds of wall time,
+or needs more than --gigabytes, ends that engine for this mesh.
 """
 
 import argparse

@@ -78,10 +78,10 @@ enum OpenError {
     #[error("the stream cannot be opened")]
     System(#[from] std::io::Error),
     #[error(
-        "no session to follow within 'timeout'; `tactus start` starts one, `tactus status` says what the daemon does"
+        "no session to follow within 'timeout'; `tactus start` starts one, `tactus status` shows what the daemon does"
     )]
     Timeout,
-    #[error("not wanted any more")]
+    #[error("stopped by the caller")]
     Stopped,
 }
 

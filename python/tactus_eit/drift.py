@@ -30,7 +30,7 @@ class Followed(NamedTuple):
 class Drift:
     """Follows the baseline of a sheet: frames without a load correct it, a load stops the correction until it is taken away.
 
-    forward: the Forward model. sigma0: conductance at the baseline, as of OneStep. current: A.
+    forward: the Forward model. sigma0: conductance at the baseline, as in OneStep. current: A.
 
     >>> import numpy, tactus_eit
     >>> mesh = tactus_eit.Mesh.disc(electrodes=16, fineness=0.5)
@@ -65,10 +65,10 @@ class Drift:
     def follow(
         self, frames: ArrayLike, times: ArrayLike, *, progress: Callable[[int, int], object] | None = None
     ) -> Followed:
-        """Follows frames in order; the next call goes on from the last frame of this one.
+        """Follows frames in order; the next call continues from the last frame of this one.
 
         frames: V, signed, NaN where a reading is missing: shape (frames, readings), or (readings,). times: s, ascending: shape
-        (frames,), or a number for one frame. progress: as of ``OneStep.predict``. Ctrl-C ends it between two frames; those before it
+        (frames,), or a number for one frame. progress: as in ``OneStep.predict``. Ctrl-C ends it between two frames; those before it
         have been followed.
         """
         called = as_progress(progress)
@@ -77,11 +77,11 @@ class Drift:
         return Followed(baselines, masked, [json.loads(each) for each in known])
 
     def state(self) -> str:
-        """What later frames depend on, as text; ``restore`` goes on from it with the same bits."""
+        """The state that later results depend on, as text; after ``restore`` they are the same bit for bit."""
         return self._fitted().state()
 
     def restore(self, state: str) -> Drift:
-        """Goes on from a state of the same sheet and baseline. Returns self."""
+        """Continues from a state of the same sheet and baseline. Returns self."""
         if not isinstance(state, str):
             raise TypeError(f"argument 'state': it is a {type(state).__name__}; expected the text that state() returned")
         self._fitted().restore(state)

@@ -96,7 +96,7 @@ class _Estimator:
 
         Sets ``baseline_`` (readings,), ``sigma0_`` (triangles,), ``noise_`` (V, or None), ``method_``, ``notes_``, and
         ``order_``, the result of ``check`` (None with ``check_order=False``). Warns where the model explains too little of the
-        baseline in any order; a symmetric geometry looks the same from several electrodes, which ``notes_`` tells.
+        baseline in any order; a symmetric geometry looks the same from several electrodes, ``notes_`` then says so.
         """
         if not isinstance(self.forward, Forward):
             raise TypeError(
@@ -133,7 +133,7 @@ class _Estimator:
         """Maps of frames: relative changes of conductance of the triangles of ``mesh.region``; -1: all conductance is lost.
 
         frames: voltages, V, signed: shape (frames, readings), or (readings,). Returns (frames, region), or (region,).
-        baselines: one for each frame, of the same shape, in the place of ``baseline_``: see ``Drift``.
+        baselines: one for each frame, of the same shape, instead of ``baseline_``: see ``Drift``.
         progress: called after each frame with the number of frames that are done, and of all; what it raises ends the work, as
         Ctrl-C does.
         Sets ``masked_``, the number of readings left out of each frame: shape (frames,).
@@ -146,7 +146,7 @@ class _Estimator:
         return maps[0] if np.ndim(frames) == 1 else maps
 
     def judge(self, frames: ArrayLike, *, progress: Callable[[int, int], object] | None = None) -> list[Quality]:
-        """How far the map of each frame can be believed, a Quality for each: shapes and progress as of ``predict``.
+        """How far the map of each frame can be believed, a Quality for each: shapes and progress as in ``predict``.
 
         Compares the frames with the model of the whole sheet and with the noise: a dead electrode, a change of a contact,
         readings that no map explains. Makes the maps for that, so it takes longer than ``predict``.
@@ -177,7 +177,7 @@ class OneStep(_Estimator):
     prior: "noser", "tikhonov", "laplace" or "gaussian". exponent: of NOSER, by default 0.25.
     length: correlation length of the Gaussian prior, m, by default 0.01.
     lam: "evidence" or "l-curve", a strength for each frame; "noise", one from the noise; or lambda itself, above 0.
-    noise_figure: the strength that has this noise figure, in the place of ``lam``.
+    noise_figure: the strength that has this noise figure, instead of ``lam``.
     losses_only: bounds maps to -1 <= change <= 0.
     unknowns: "sheet", or "region": the sheet outside of mesh.region does not change.
     sigma0: conductance at the baseline, S per square: a number or shape (triangles,); by default that of the mesh, or a
@@ -285,9 +285,9 @@ class Shapes(_Estimator):
     """Loads of few shapes, by the full forward model: discs, a ring, a bar or a smooth load where these explain a frame,
     else total variation.
 
-    Of all methods the nearest to true loads; a frame takes some tenths of a second. ``fit`` needs the noise, stated or from
-    several frames of the baseline. losses_only: no frame shows a gain; by default a frame of gains is found out. The other
-    parameters are those of OneStep.
+    The closest of all methods to true loads; a frame takes some tenths of a second. ``fit`` needs the noise, stated or from
+    several frames of the baseline. losses_only: no map has a gain; by default a map has gains if losses alone leave too much of
+    its frame unexplained. The other parameters are those of OneStep.
 
     >>> import tactus_eit
     >>> mesh = tactus_eit.Mesh.disc(electrodes=16, fineness=0.5)
@@ -316,7 +316,7 @@ class Shapes(_Estimator):
         return {"method": "best", **super()._settings()}
 
     def fit(self: _Self, baseline: ArrayLike, *, noise: float | None = None) -> _Self:
-        """As of OneStep; the noise must be known."""
+        """As in OneStep; the noise must be known."""
         if noise is None and np.ndim(baseline) < 2:
             raise ValueError(
                 "argument 'noise': it is missing; expected the standard deviation of one reading in V, or several frames as 'baseline'"
@@ -333,7 +333,7 @@ class Network(_Estimator):
 
     An ONNX network has one f32 input, (frame - baseline) / max(abs(baseline)) of all readings, and one f32 output, the relative
     change of conductance of the triangles of ``mesh.region``; all other dimensions are 1 or open. Its metadata properties
-    "tactus.survey" and "tactus.geometry" are compared with ``protocol.hash`` and ``mesh.hash`` where it has them. It is run by the
+    "tactus.survey" and "tactus.geometry" are compared with ``protocol.hash`` and ``mesh.hash`` if the file has them. It is run by the
     ONNX Runtime of the package onnxruntime, or by the library that the variable ORT_DYLIB_PATH names.
     """
 

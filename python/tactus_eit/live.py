@@ -18,7 +18,7 @@ class LiveFrame(NamedTuple):
     """A frame of the running session.
 
     sequence: its number, from 1. time: its start, UTC. voltages: V, NaN where a reading is missing: shape (readings,).
-    status: why it is missing, as of ``Session.status``: shape (readings,). simulated: whether the voltages are simulated.
+    status: why it is missing, as in ``Session.status``: shape (readings,). simulated: whether the voltages are simulated.
     lost: records that were lost just before this one, because they were read too slowly.
     """
 
@@ -33,10 +33,10 @@ class LiveFrame(NamedTuple):
 class LiveMap(NamedTuple):
     """The daemon's map of a frame.
 
-    sequence, time, simulated, lost: as of LiveFrame. values: relative change of conductance: shape (region,). method: its name.
-    mesh_hash: as of ``Mesh.hash``. quality: how far it can be believed. tracked, quantities: what the daemon says of the frame and
-    the map, as ``tactus watch --json`` has it; None where it says nothing. pressure: Pa, shape (region,), and load: N, where the
-    method is calibrated.
+    sequence, time, simulated, lost: as in LiveFrame. values: relative change of conductance: shape (region,). method: its name.
+    mesh_hash: as in ``Mesh.hash``. quality: how far it can be believed. tracked, quantities: the daemon's results for the frame and
+    the map, as in ``tactus watch --json``; None where there are none. pressure: Pa, shape (region,), and load: N, where the method
+    is calibrated.
     """
 
     sequence: int
@@ -54,11 +54,11 @@ class LiveMap(NamedTuple):
 
 
 class LiveDeviation(NamedTuple):
-    """How exactly a frame tells its map, relative to the tracked baseline.
+    """Standard deviation of the map of a frame, relative to the tracked baseline.
 
-    sequence, time, simulated, lost: as of LiveFrame; at most one frame in a second has it, and it comes soon before or after the map.
-    values: standard deviation of the change of ln conductance, by the linear model whatever the method of the map, NaN where the
-    frame says nothing of a triangle: shape (region,). mesh_hash: as of ``Mesh.hash``.
+    sequence, time, simulated, lost: as in LiveFrame; at most one frame in a second has it, and it comes soon before or after the map.
+    values: standard deviation of the change of ln conductance, by the linear model whatever the method of the map, NaN for a
+    triangle about which the frame has no information: shape (region,). mesh_hash: as in ``Mesh.hash``.
     """
 
     sequence: int
@@ -72,8 +72,8 @@ class LiveDeviation(NamedTuple):
 class Live:
     """The stream of one session, an iterator of LiveFrame, LiveMap and LiveDeviation. Made by ``connect``; can be used with ``with``.
 
-    Iteration ends with the session: ``ended`` is then the reason. TimeoutError: nothing came in time; it can be continued.
-    ConnectionError: the daemon is gone. ``lost`` is the number of records that were lost so far.
+    Iteration ends with the session: ``ended`` is then the reason. TimeoutError: no record came in time; iteration can continue.
+    ConnectionError: the connection to the daemon is lost. ``lost`` is the number of records that were lost so far.
     """
 
     def __init__(self, stream: Stream, timeout: float | None) -> None:
@@ -139,7 +139,9 @@ class Live:
         while self.ended is None:
             record = self._stream.next(self._timeout)
             if record is None:
-                raise ConnectionError(f"the daemon ended the stream of {self.session} without the session's end: it is gone; connect() again")
+                raise ConnectionError(
+                    f"the daemon ended the stream of {self.session} without the session's end: it has stopped; call connect() again"
+                )
             self.lost += record["gap"]
             kind = record["kind"]
             if kind == "frame":

@@ -5,7 +5,7 @@ In a program that has ``import pyeit.eit.jac as jac``, change that line to ``imp
 An electrode of pyEIT is a point. Here it is a quarter of each boundary edge at that point, with a contact impedance (complete
 electrode model); the triangles at these edges are divided for that, and results are given for the triangles of pyEIT. Lengths
 and conductances are in the units of the mesh. Complex conductances, meshes of tetrahedra, and the classes BP, GREIT and SVD are
-not there.
+not supported.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ class JAC:
         if not np.isfinite(rows).all():
             raise ValueError(
                 f"argument '{name}': a reading is missing (nan), and JAC needs all; expected {shape} of signed voltages; "
-                "OneStep(tactus_eit.pyeit.forward(mesh, protocol), missing='mask') does without"
+                "OneStep(tactus_eit.pyeit.forward(mesh, protocol), missing='mask') accepts missing readings"
             )
         return rows[0] if np.ndim(volts) == 1 else rows
 

@@ -1,4 +1,4 @@
-"""Contact of an electrode: what a changed one does to readings and map, and how it is found out."""
+"""Contact of an electrode: how a changed one affects readings and map, and how it is detected."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,4 +1,4 @@
-"""A dead electrode: found by its readings, left out, and what the map loses by that."""
+"""A dead electrode: detected by its readings and left out, and the effect on the map."""
 
 import matplotlib.pyplot as plt
 import numpy as np
