@@ -32,6 +32,14 @@ pub enum DriftError {
         /// Pairs of the protocol.
         wants: usize,
     },
+    /// Fewer readings of the last injections than a fit needs.
+    #[error("{has} of {wants} readings of the last injections are left, at least half are needed")]
+    FewReadings {
+        /// Readings with a value that is not nearly 0 V.
+        has: usize,
+        /// Readings of these injections.
+        wants: usize,
+    },
     /// A covariance that is not positive definite.
     #[error("the covariance of the data is not positive definite")]
     Covariance,

@@ -97,12 +97,13 @@ impl Injections {
 }
 
 fn push(window: &mut InjectionWindow, injection: &InjectionReadings) {
-    let readings = injection.readings.iter().filter_map(|(number, reading)| {
-        Some(TimedReading {
+    let readings = injection
+        .readings
+        .iter()
+        .map(|(number, reading)| TimedReading {
             reading: *number,
-            volts: reading.volts()?.0,
-        })
-    });
+            volts: reading.volts().map_or(f64::NAN, |volts| volts.0),
+        });
     let at_s = injection.monotonic.as_secs_f64();
     let readings = readings.collect();
     window.push(

@@ -1,8 +1,8 @@
 //! Fits a disc in whitened space, with the covariance of its position and load.
 //!
 //! The model of the disc is linear (Born) about the fitted sheet, with the exact area of each triangle that the disc
-//! covers. A disc that loses the share l of its conductance changes the field like a linear change of 2 l / (2 - l);
-//! the fitted change is converted accordingly.
+//! covers. A disc with k times its conductance changes the field like a linear change of 2 (k - 1) / (k + 1); the fitted
+//! change is converted accordingly.
 
 mod descent;
 mod ellipse;
@@ -30,16 +30,18 @@ const REFUSED: f64 = 1.6;
 const DIAMETER_M: [f64; 2] = [4e-3, 0.15];
 /// Prior standard deviation of ln diameter; the prior mean is the ln diameter of the start.
 const LN_DIAMETER_SD: f64 = 1.0;
+/// Largest reported gain of conductance; readings hardly distinguish larger gains.
+const LARGEST_GAIN: f64 = 10.0;
 const STEPS: usize = 30;
 
-/// A disc with reduced conductance.
+/// A disc with changed conductance.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Disc {
     /// Centre, m.
     pub centre: [f64; 2],
     /// Diameter, m.
     pub diameter: f64,
-    /// Share of the conductance lost, 0 to 1; negative for a gain.
+    /// Share of the conductance lost, 0 to 1; negative for a gain, down to -10.
     pub loss: f64,
 }
 
@@ -66,6 +68,15 @@ pub struct DiscFit {
 }
 
 impl Disc {
+    /// A disc with this linear change of conductance.
+    fn new(centre: [f64; 2], diameter: f64, change: f64) -> Self {
+        Self {
+            centre,
+            diameter,
+            loss: loss_of(change).max(-LARGEST_GAIN),
+        }
+    }
+
     /// The map of the disc: relative change of conductance of each triangle of the region, 0 outside of the disc.
     pub fn map(&self, mesh: &Mesh) -> Vec<f64> {
         let of = |&triangle: &usize| {
@@ -94,11 +105,7 @@ impl DiscFit {
         (of_load[2], of_load[N - 1]) = (2.0, 1.0 / change);
         let load_variance = (of_load.transpose() * covariance * of_load)[(0, 0)];
         Self {
-            disc: Disc {
-                centre: [theta[0], theta[1]],
-                diameter: theta[2].exp(),
-                loss: loss_of(change),
-            },
+            disc: Disc::new([theta[0], theta[1]], theta[2].exp(), change),
             load: -change * (2.0 * theta[2]).exp(),
             covariance: place_covariance(model, place, chi),
             load_sd: load_variance.max(0.0).sqrt(),
@@ -216,10 +223,12 @@ impl Whitened {
     }
 }
 
-/// The share of conductance that a disc loses if the field changes like this linear change. Of a gain, which has no
-/// limit, it is the loss of the same linear change with the opposite sign.
-fn loss_of(change: f64) -> f64 {
-    -2.0 * change / (2.0 + change.abs())
+/// The share of conductance that a disc loses if the field changes like this linear change, limited to -2..2; negative
+/// for a gain, minus infinity for a perfect conductor.
+pub(crate) fn loss_of(change: f64) -> f64 {
+    // the inverse of 2 (k - 1) / (k + 1), with a loss of 1 - k
+    let change = change.clamp(-2.0, 2.0);
+    -2.0 * change / (2.0 - change)
 }
 
 /// Factor of the covariance for a chi squared per row after the fit.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, SVector};
 
 use super::descent::{Axis, Problem, descend};
-use super::{Disc, MODEL_SHARE, REFUSED, loss_of, place_covariance};
+use super::{Disc, MODEL_SHARE, REFUSED, place_covariance};
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
@@ -28,7 +28,7 @@ const N: usize = 6;
 pub struct TimedReading {
     /// Index of the reading in the protocol.
     pub reading: usize,
-    /// Voltage, V.
+    /// Voltage, V; NaN if the reading has no value.
     pub volts: f64,
 }
 
@@ -37,7 +37,7 @@ pub struct TimedReading {
 pub struct Injection {
     /// Time of the injection, s.
     pub at_s: f64,
-    /// Readings of the injection; those without a value are omitted.
+    /// Readings of the injection.
     pub readings: Vec<TimedReading>,
 }
 
@@ -71,10 +71,12 @@ struct Window {
 
 impl DriftModel {
     /// The load on the sheet after the last of these injections, which are in order of time; `None` if the readings
-    /// agree with an empty sheet. `baseline` (V) and `covariance` (V2) are those of the tracked baseline.
+    /// agree with an empty sheet. `baseline` (V) and `covariance` (V2) are those of the tracked baseline. Readings that
+    /// have no value or are nearly 0 V are not used.
     ///
     /// # Errors
-    /// A reading that is not in the protocol, or a covariance that cannot be factored.
+    /// A reading that is not in the protocol; fewer than half of the readings of the last injections left; a covariance
+    /// that cannot be factored.
     pub fn moving_load(
         &self,
         injections: &[Injection],
@@ -83,8 +85,13 @@ impl DriftModel {
     ) -> Result<Option<MovingLoad>, DriftError> {
         let last = |count: usize| &injections[injections.len().saturating_sub(count)..];
         let window = self.window(last(FIRST), baseline, covariance)?;
-        let Some(window) = window else {
-            return Ok(None);
+        let wants = last(FIRST).iter().map(|one| one.readings.len()).sum();
+        let has = window.as_ref().map_or(0, |window| window.rows.len());
+        let Some(window) = window.filter(|_| 2 * has >= wants) else {
+            return match injections.is_empty() {
+                true => Ok(None),
+                false => Err(DriftError::FewReadings { has, wants }),
+            };
         };
         let Some((theta, score)) = self.search_moving(&window, 0.0) else {
             // a weak load may be detectable in more injections
@@ -163,11 +170,7 @@ impl DriftModel {
             [spread[(1, 0)], spread[(1, 1)]],
         ];
         Ok(MovingLoad {
-            disc: Disc {
-                centre: [theta[0], theta[1]],
-                diameter: theta[4].exp(),
-                loss: loss_of(theta[5]),
-            },
+            disc: Disc::new([theta[0], theta[1]], theta[4].exp(), theta[5]),
             velocity: [theta[2], theta[3]],
             covariance: place_covariance(self, place, chi),
             score,
@@ -177,7 +180,7 @@ impl DriftModel {
         })
     }
 
-    /// The readings of these injections, whitened; `None` if there are none.
+    /// The usable readings of these injections, whitened; `None` if there are none.
     fn window(
         &self,
         injections: &[Injection],
@@ -193,7 +196,7 @@ impl DriftModel {
                     let has = one.reading + 1;
                     return Err(DriftError::Readings { has, wants });
                 }
-                if !one.volts.is_finite() {
+                if !one.volts.is_finite() || self.is_nearly_zero(one.reading, one.volts) {
                     continue;
                 }
                 let row = self.row_of(one.reading);

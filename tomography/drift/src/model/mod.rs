@@ -219,24 +219,25 @@ impl DriftModel {
         self.pairs.relative(&self.ratios, &self.baseline, &frame)
     }
 
-    /// The frame without the readings that are nearly 0 V although those of the first baseline are far above the noise:
-    /// the pair is shorted, or no current flowed. Taken as a change of the sheet, such readings would be regained
-    /// conductance. Load and drift do this only where pairs interlace (`survey.skip` of 1 or more): such a reading can
-    /// have either sign, and is left out too while it passes 0 V.
+    /// The frame without the readings that are nearly 0 V.
     pub fn without_zeros(&self, frame: &[Reading]) -> Vec<Reading> {
-        let noise = self.instruments.reading_v.hypot(self.instruments.emf_v);
-        let is_zero = |(volts, before): (Volts, &f64)| {
-            before.abs() > ABOVE_NOISE * noise && volts.0.abs() < NEARLY_ZERO * before.abs()
-        };
         let each = frame.iter().enumerate();
-        each.map(|(index, reading)| {
-            let compared = reading.volts().zip(self.baseline.get(index));
-            match compared.is_some_and(is_zero) {
-                true => Reading::NotMeasured,
-                false => *reading,
-            }
+        each.map(|(index, reading)| match reading.volts() {
+            Some(Volts(volts)) if self.is_nearly_zero(index, volts) => Reading::NotMeasured,
+            _ => *reading,
         })
         .collect()
+    }
+
+    /// Whether a reading (V) is nearly 0 V although that of the first baseline is far above the noise: the pair is
+    /// shorted, or no current flowed. Taken as a change of the sheet, such a reading would be regained conductance. Load
+    /// and drift do this only where pairs interlace (`survey.skip` of 1 or more): such a reading can have either sign,
+    /// and counts as nearly 0 V too while it passes 0 V.
+    pub(crate) fn is_nearly_zero(&self, reading: usize, volts: f64) -> bool {
+        let noise = self.instruments.reading_v.hypot(self.instruments.emf_v);
+        self.baseline.get(reading).is_some_and(|before| {
+            before.abs() > ABOVE_NOISE * noise && volts.abs() < NEARLY_ZERO * before.abs()
+        })
     }
 
     /// Readings of the first baseline, V.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bits;
 use crate::basis::Basis;
+use crate::disc::loss_of;
 use crate::model::DriftModel;
 use crate::whitened::LOADED;
 
@@ -40,9 +41,7 @@ impl AnchorAlarm {
     /// Share of the conductance that the disc lost, at most 1; negative for a gain, minus infinity for a perfect
     /// conductor.
     pub fn loss(&self) -> f64 {
-        // the linear change is 2 (k - 1) / (k + 1) for k times the conductance; the load test does not limit it to -2..2
-        let change = self.change.clamp(-2.0, 2.0);
-        -2.0 * change / (2.0 - change)
+        loss_of(self.change)
     }
 }
 

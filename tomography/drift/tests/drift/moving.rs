@@ -1,6 +1,6 @@
 //! A load that moves while it is measured: simulated injection by injection on a finer mesh than the model's.
 
-use drift::{DriftModel, Injection, TimedReading};
+use drift::{DriftError, DriftModel, Injection, TimedReading};
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -158,4 +158,45 @@ fn an_empty_sheet_has_no_moving_load() {
     assert_eq!(model.moving_load(&[], &none, model.noise()).unwrap(), None);
     all[0].readings[0].reading = 598;
     assert!(model.moving_load(&all[..1], &none, model.noise()).is_err());
+}
+
+#[test]
+fn readings_of_nearly_0_v_are_missing_after_an_injection() {
+    let model = model();
+    let none = DVector::zeros(299);
+    let all = injections(26, 7, |_| Some([0.07, 0.11]));
+    // the source is off during these of the last injections
+    let off_as = |volts: f64, off: std::ops::Range<usize>| {
+        let mut all = all.clone();
+        for injection in &mut all[off] {
+            injection
+                .readings
+                .iter_mut()
+                .for_each(|one| one.volts = volts);
+        }
+        model.moving_load(&all, &none, model.noise())
+    };
+    let found = [1e-7, f64::NAN].map(|volts| off_as(volts, 20..23).unwrap());
+    assert_eq!(found[0], found[1]);
+    let load = found[0].as_ref().expect("the other injections show it");
+    let off_mm = 1e3 * (load.disc.centre[0] - 0.07).hypot(load.disc.centre[1] - 0.11);
+    assert!(load.accepted && off_mm < 1.0, "{load:?}");
+    for off in [19..26, 22..26] {
+        for volts in [1e-7, f64::NAN] {
+            let found = off_as(volts, off.clone());
+            let few = matches!(found, Err(DriftError::FewReadings { wants: 161, .. }));
+            assert!(few, "{off:?}, {volts} V: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn gain_of_conductance_is_reported_in_full() {
+    let model = model();
+    let none = DVector::zeros(299);
+    // three times the conductance
+    let all = injections_of(-2.0, 26, 8, |_| Some([0.1, 0.11]));
+    let found = model.moving_load(&all, &none, model.noise()).unwrap();
+    let disc = found.expect("it is seen").disc;
+    assert!((disc.loss / -2.0 - 1.0).abs() < 0.1, "{disc:?}");
 }

@@ -50,7 +50,7 @@ pub struct AfterInjection {
     pub known: bool,
     /// Why the result cannot be relied on, and what to do about it; `None` if it can.
     pub text: Option<String>,
-    /// The load; `None` if the readings agree with an empty sheet.
+    /// The load; `None` if the readings agree with an empty sheet, or show nothing because too few are left.
     pub load: Option<MovingPlace>,
 }
 
@@ -67,7 +67,7 @@ pub struct MovingPlace {
     pub velocity_mm_s: [f64; 2],
     /// Diameter, mm.
     pub diameter_mm: f64,
-    /// Share of the conductance lost.
+    /// Share of the conductance lost; negative for a gain.
     pub loss: f64,
 }
 
@@ -103,8 +103,12 @@ impl Tracking {
         at_s: f64,
     ) -> Result<(AfterInjection, Option<Disc>), DriftError> {
         let injections = &window.injections;
-        let load = self.tracker.moving_load(injections, at_s)?;
-        let text = self.doubt(injections.len(), load.as_ref());
+        let (load, few_readings) = match self.tracker.moving_load(injections, at_s) {
+            Ok(load) => (load, false),
+            Err(DriftError::FewReadings { .. }) => (None, true),
+            Err(other) => return Err(other),
+        };
+        let text = self.doubt(injections.len(), few_readings, load.as_ref());
         let after = AfterInjection {
             electrodes: [drive.plus.number(), drive.minus.number()],
             injections: load
@@ -117,7 +121,12 @@ impl Tracking {
         Ok((after, load.map(|load| load.disc)))
     }
 
-    fn doubt(&self, injections: usize, load: Option<&MovingLoad>) -> Option<String> {
+    fn doubt(
+        &self,
+        injections: usize,
+        few_readings: bool,
+        load: Option<&MovingLoad>,
+    ) -> Option<String> {
         if self.tracker.is_blind() {
             return Some("too many electrodes are faulty; repair their contacts".to_owned());
         }
@@ -126,6 +135,13 @@ impl Tracking {
             return Some(format!(
                 "{injections} injections since the last pause; {fewest} are needed"
             ));
+        }
+        if few_readings {
+            return Some(
+                "fewer than half of the readings of the last injections are left: readings are missing or nearly 0 V; \
+                 wait for the next injections"
+                    .to_owned(),
+            );
         }
         let load = load?;
         if !load.accepted {
@@ -147,7 +163,8 @@ impl Tracking {
 impl fmt::Display for AfterInjection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.load {
-            None => write!(f, "the sheet is empty")?,
+            None if self.known => write!(f, "the sheet is empty")?,
+            None => write!(f, "no load was found")?,
             Some(load) => {
                 let ([x, y], [half, _]) = (load.centre_mm, load.half_axes_mm);
                 match self.known {

@@ -101,3 +101,36 @@ fn baseline_is_not_younger_than_its_frames() {
     assert_eq!(tracking.state().began_s, FIRST_S - 86_400.0);
     assert!(tracking.drift().is_ok());
 }
+
+#[test]
+fn injections_of_nearly_0_v_are_not_known() {
+    let (tracking, baseline) = tracking();
+    let measurements = tracking.model().pairs().protocol().measurements();
+    let after = |share: f64| {
+        let mut window = InjectionWindow::default();
+        for drive in 0..7 {
+            let of_drive = |reading: &usize| measurements[*reading].drive.plus.0 == drive;
+            let readings = (0..baseline.len()).filter(of_drive).map(|reading| {
+                let volts = share * baseline[reading].volts().unwrap().0;
+                TimedReading { reading, volts }
+            });
+            let at_s = 0.5 * drive as f64;
+            let readings = readings.collect();
+            window.push(Injection { at_s, readings }, 0.4);
+        }
+        let (after, disc) = tracking
+            .after_injection(&window, measurements[0].drive, FIRST_S)
+            .unwrap();
+        assert_eq!((&after.load, disc), (&None, None));
+        after
+    };
+    let empty = after(1.0);
+    assert!(empty.known, "{empty}");
+    assert_eq!(empty.to_string(), "the sheet is empty");
+    // no current flows
+    let off = after(1e-3);
+    assert!(!off.known, "{off}");
+    let text = off.to_string();
+    assert!(text.starts_with("no load was found; not known"), "{text}");
+    assert!(text.contains("nearly 0 V"), "{text}");
+}
