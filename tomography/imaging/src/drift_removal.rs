@@ -1,6 +1,7 @@
 //! Removal of drift from single frames: the drift since the baseline is estimated in each frame and added to the
 //! baseline, so that the map of any method shows the load alone.
 
+use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use drift::{DriftError, DriftModel, FrameDrift, MapDeviation, Relative, Sizes};
@@ -129,16 +130,17 @@ pub(crate) struct DriftRemoved {
 impl DriftRemoved {
     /// The baseline to compare a frame with, and the frame without readings that are nearly 0 V. Readings of a wrong
     /// number are passed on, so that the method reports the error.
-    pub(crate) fn compare(
+    pub(crate) fn compare<'a>(
         &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<(Vec<Reading>, Vec<Reading>), ReconstructError> {
+        baseline: &'a [Reading],
+        frame: &'a [Reading],
+    ) -> Result<[Cow<'a, [Reading]>; 2], ReconstructError> {
         let wants = self.inner.protocol().len();
         if baseline.len() != wants || frame.len() != wants {
-            return Ok((baseline.to_vec(), frame.to_vec()));
+            return Ok([baseline, frame].map(Cow::Borrowed));
         }
-        self.sheet.drifted(baseline, frame)
+        let (baseline, frame) = self.sheet.drifted(baseline, frame)?;
+        Ok([baseline, frame].map(Cow::Owned))
     }
 }
 
@@ -160,7 +162,7 @@ impl Reconstructor for DriftRemoved {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
-        let (baseline, frame) = self.compare(baseline, frame)?;
+        let [baseline, frame] = self.compare(baseline, frame)?;
         self.inner.reconstruct(&baseline, &frame)
     }
 
@@ -179,7 +181,7 @@ impl Reconstructor for DriftRemoved {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Option<Novelty>, ReconstructError> {
-        let (baseline, frame) = self.compare(baseline, frame)?;
+        let [baseline, frame] = self.compare(baseline, frame)?;
         self.inner.novelty(&baseline, &frame)
     }
 }

@@ -69,7 +69,7 @@ impl Model {
         };
         let (baseline, frame) = compared
             .as_ref()
-            .map_or((baseline, frame), |(baseline, frame)| {
+            .map_or((baseline, frame), |[baseline, frame]| {
                 (&baseline[..], &frame[..])
             });
         let method = self.removal.as_ref().map(|removal| &removal.inner);
