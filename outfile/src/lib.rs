@@ -38,7 +38,7 @@ pub use arguments::{check_arguments, outputs_of};
 pub use check::{check, check_folder, folder_of, is_stream};
 pub use folder::NewFolder;
 pub use path::{GrowingFolder, OutFolder, OutPath};
-pub use writing::{OutFile, create_in_place, make_folder, remove, write};
+pub use writing::{OutFile, create_in_place, finish_all, make_folder, remove, write};
 
 /// What to do with an existing regular file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -79,22 +79,77 @@ impl OutFile {
     ///
     /// # Errors
     /// A disk error, or the name has been taken since [`OutFile::create`].
-    pub fn finish(mut self) -> Result<PathBuf, OutFileError> {
+    pub fn finish(self) -> Result<PathBuf, OutFileError> {
+        self.complete()?.place()
+    }
+
+    /// Writes what is still in memory, and syncs.
+    fn complete(mut self) -> Result<CompleteFile, OutFileError> {
         self.flush().map_err(OutFileError::io(&self.path))?;
         let path = self.path;
         let written = match self.sink {
-            Sink::Stream(_) => return Ok(path),
-            Sink::Temporary(writer) => writer
-                .into_inner()
-                .map_err(|fault| OutFileError::io(&path)(fault.into_error()))?,
+            Sink::Stream(_) => None,
+            Sink::Temporary(writer) => {
+                let written = writer
+                    .into_inner()
+                    .map_err(|fault| OutFileError::io(&path)(fault.into_error()))?;
+                let synced = written.as_file().sync_all();
+                synced.map_err(OutFileError::io(&path))?;
+                Some(written)
+            }
         };
-        let synced = written.as_file().sync_all();
-        synced.map_err(OutFileError::io(&path))?;
-        // another kind of file may have the name now
-        let placed = match target(&path, self.existing)? {
-            Target::New => written.persist_noclobber(&path),
+        Ok(CompleteFile {
+            path,
+            existing: self.existing,
+            written,
+        })
+    }
+}
+
+/// Moves files that belong together to their paths: the first one only when all are complete and no path is refused, so
+/// that a full disk or a taken name does not mix them with files of an earlier output. Only an error of a rename itself
+/// leaves some of them replaced.
+///
+/// # Errors
+/// As [`OutFile::finish`].
+pub fn finish_all(files: Vec<OutFile>) -> Result<Vec<PathBuf>, OutFileError> {
+    let files = files.into_iter().map(OutFile::complete);
+    let files = files.collect::<Result<Vec<_>, _>>()?;
+    for file in &files {
+        file.destination()?;
+    }
+    files.into_iter().map(CompleteFile::place).collect()
+}
+
+/// A file whose content is complete and on disk, under its temporary name; `written` is `None` for a device or FIFO.
+struct CompleteFile {
+    path: PathBuf,
+    existing: Existing,
+    written: Option<NamedTempFile>,
+}
+
+impl CompleteFile {
+    /// What the path is now: another kind of file may have the name since [`OutFile::create`]. `None` for a device or
+    /// FIFO, which has been written to.
+    fn destination(&self) -> Result<Option<Target>, OutFileError> {
+        if self.written.is_none() {
+            return Ok(None);
+        }
+        match target(&self.path, self.existing)? {
+            Target::Stream(_) => Err(OutFileError::Exists(self.path.clone())),
+            target => Ok(Some(target)),
+        }
+    }
+
+    fn place(self) -> Result<PathBuf, OutFileError> {
+        let destination = self.destination()?;
+        let path = self.path;
+        let Some((written, destination)) = self.written.zip(destination) else {
+            return Ok(path);
+        };
+        let placed = match destination {
             Target::Replaced => written.persist(&path),
-            Target::Stream(_) => return Err(OutFileError::Exists(path)),
+            _ => written.persist_noclobber(&path),
         };
         placed.map_err(|fault| match fault.error.kind() {
             ErrorKind::AlreadyExists => OutFileError::Exists(path.clone()),

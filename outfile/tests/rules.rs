@@ -48,6 +48,35 @@ fn a_name_that_is_taken_meanwhile_is_kept() {
 }
 
 #[test]
+fn files_of_one_output_are_replaced_together_or_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let [maps, frames] = ["maps.csv", "frames.csv"].map(|name| folder.path().join(name));
+    let files = || {
+        [&maps, &frames].map(|path| {
+            let mut file = OutFile::create(path, Existing::Replace).unwrap();
+            file.put(b"new").unwrap();
+            file
+        })
+    };
+    std::fs::write(&maps, b"earlier").unwrap();
+    let begun = files();
+    std::fs::create_dir(&frames).unwrap();
+    let refused = outfile::finish_all(begun.into());
+    assert!(
+        matches!(refused, Err(OutFileError::Folder(_))),
+        "{refused:?}"
+    );
+    assert_eq!(std::fs::read(&maps).unwrap(), b"earlier");
+    std::fs::remove_dir(&frames).unwrap();
+    let placed = outfile::finish_all(files().into()).unwrap();
+    assert_eq!(placed, [maps.clone(), frames.clone()]);
+    for path in placed {
+        assert_eq!(std::fs::read(path).unwrap(), b"new");
+    }
+    assert_eq!(names(folder.path()), ["frames.csv", "maps.csv"]);
+}
+
+#[test]
 fn a_forced_file_replaces_a_link_and_not_its_target() {
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().join("target");

@@ -336,6 +336,7 @@ fn sentence(line: &ReplayLine<'_>) -> String {
 
 /// The table of maps and its companion tables.
 struct MapTables {
+    path: PathBuf,
     maps: OutFile,
     frames: Option<OutFile>,
     elements: Option<OutFile>,
@@ -388,6 +389,7 @@ impl MapTables {
             }
         }
         Ok(Self {
+            path: path.to_owned(),
             maps,
             frames,
             elements,
@@ -412,17 +414,14 @@ impl MapTables {
     }
 
     fn finish(self) -> Result<PathBuf, Failure> {
-        for table in [self.frames, self.elements, self.deviations]
-            .into_iter()
-            .flatten()
-        {
-            table.finish()?;
-        }
-        let maps = self.maps.finish()?;
+        let companions = [self.frames, self.elements, self.deviations];
+        let mut tables = vec![self.maps];
+        tables.extend(companions.into_iter().flatten());
+        outfile::finish_all(tables)?;
         if let Some((path, existing)) = self.outdated {
             outfile::remove(&path, existing)?;
         }
-        Ok(maps)
+        Ok(self.path)
     }
 }
 
@@ -433,19 +432,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn deviations_are_kept_where_the_maps_are_not_replaced() {
+    fn companions_are_kept_where_the_maps_are_not_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("maps.csv");
-        let deviations = MapCompanions::of(&path).deviations;
-        std::fs::write(&deviations, "of earlier maps").unwrap();
+        let beside = MapCompanions::of(&path);
+        let companions = [&beside.frames, &beside.triangles, &beside.deviations];
+        let earlier = "of earlier maps";
+        for companion in companions {
+            std::fs::write(companion, earlier).unwrap();
+        }
         let mesh = DiscTank::default().mesh().unwrap();
         let create = || MapTables::create(&path, &mesh, Existing::Replace, false).unwrap();
         let tables = create();
         std::fs::create_dir(&path).unwrap();
         assert!(tables.finish().is_err());
-        assert!(deviations.exists());
+        for companion in companions {
+            assert_eq!(std::fs::read_to_string(companion).unwrap(), earlier);
+        }
         std::fs::remove_dir(&path).unwrap();
-        create().finish().unwrap();
-        assert!(path.exists() && !deviations.exists());
+        assert_eq!(create().finish().unwrap(), path);
+        assert!(path.exists() && !beside.deviations.exists());
+        for companion in [&beside.frames, &beside.triangles] {
+            assert_ne!(std::fs::read_to_string(companion).unwrap(), earlier);
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! `tactus-lab reconstruct`: maps of recorded frames.
 
+use std::path::Path;
 use std::time::Instant;
 
 use eit::{Case, Pressure, matrix_text};
@@ -12,8 +13,9 @@ use imaging::recorded::{
     DeviationSummary, FRAMES_HEADING, FrameTable, MapCompanions, MapOfRow, MapRow, TableOptions,
     WithoutMap, triangles_text,
 };
+use outfile::OutFile;
 use studies::evaluation::median;
-use studies::{Failure, progress, write};
+use studies::{Failure, progress};
 
 use super::calibrate;
 use crate::args::ReconstructOptions;
@@ -188,17 +190,24 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
     let existing = options.replacing.existing();
-    write(&options.out, existing, matrix_text(&maps))?;
-    if let Some(beside) = beside {
-        write(&beside.frames, existing, rows)?;
-        write(&beside.triangles, existing, triangles_text(&case.mesh))?;
+    let table = |path: &Path, text: String| {
+        let mut table = OutFile::create(path, existing)?;
+        table.put(text.as_bytes())?;
+        Ok::<_, Failure>(table)
+    };
+    let mut tables = vec![table(&options.out, matrix_text(&maps))?];
+    if let Some(beside) = &beside {
+        tables.push(table(&beside.frames, rows)?);
+        tables.push(table(&beside.triangles, triangles_text(&case.mesh))?);
         if options.sd {
             let rows = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &deviations);
-            write(&beside.deviations, existing, matrix_text(&rows))?;
-        } else {
-            // the deviations of earlier maps are not those of these
-            outfile::remove(&beside.deviations, existing)?;
+            tables.push(table(&beside.deviations, matrix_text(&rows))?);
         }
+    }
+    outfile::finish_all(tables)?;
+    if let Some(beside) = beside.filter(|_| !options.sd) {
+        // the deviations of earlier maps are not those of these
+        outfile::remove(&beside.deviations, existing)?;
     }
     if options.timing {
         eprintln!("frame {:.3} ms", median(&mut times));
