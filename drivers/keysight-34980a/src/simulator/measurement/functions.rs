@@ -318,7 +318,7 @@ impl FunctionSettings {
             ..MeterRequest::volts(channel, Volts(range))
         };
         match self.function {
-            Function::DcVolts => over(wires.measure(at, volts(self.fixed_range())).0, f64::MAX),
+            Function::DcVolts => dc_volts(self.range, channel, nplc, at, wires),
             Function::AcVolts => self.ranged(|range| wires.alternating(at, volts(range)).rms.0),
             Function::DcCurrent | Function::AcCurrent => 0.0,
             Function::Resistance | Function::FourWire => {
@@ -350,25 +350,8 @@ impl FunctionSettings {
         }
     }
 
-    /// The value measured on the fixed range; with autorange on the smallest range that holds the value measured on the
-    /// largest.
-    fn ranged(&self, mut measure: impl FnMut(f64) -> f64) -> f64 {
-        let mut on = |range: f64| over(measure(range), range * OVER_RANGE);
-        match self.range {
-            Range::Fixed(range) => on(range),
-            Range::Auto => {
-                let ranges = self.function.ranges();
-                let widest = ranges.last().copied().unwrap_or(1.0);
-                let probe = on(widest);
-                let fits = ranges
-                    .iter()
-                    .find(|range| probe.abs() <= *range * OVER_RANGE);
-                match fits {
-                    Some(range) if *range < widest => on(*range),
-                    _ => probe,
-                }
-            }
-        }
+    fn ranged(&self, measure: impl FnMut(f64) -> f64) -> f64 {
+        ranged(self.function, self.range, measure)
     }
 
     fn ohms(
@@ -425,8 +408,46 @@ impl FunctionSettings {
     }
 }
 
+/// A reading of DC volts; infinite, with its sign, for an overload.
+pub(crate) fn dc_volts(
+    range: Range,
+    channel: Option<Relay>,
+    nplc: f64,
+    at: Duration,
+    wires: &mut dyn Wires,
+) -> f64 {
+    ranged(Function::DcVolts, range, |range| {
+        let request = MeterRequest {
+            nplc,
+            ..MeterRequest::volts(channel, Volts(range))
+        };
+        wires.measure(at, request).0
+    })
+}
+
+/// The value measured on the fixed range; with autorange on the smallest range that holds the value measured on the
+/// largest.
+fn ranged(function: Function, range: Range, mut measure: impl FnMut(f64) -> f64) -> f64 {
+    let mut on = |range: f64| over(measure(range), range * OVER_RANGE);
+    match range {
+        Range::Fixed(range) => on(range),
+        Range::Auto => {
+            let ranges = function.ranges();
+            let widest = ranges.last().copied().unwrap_or(1.0);
+            let probe = on(widest);
+            let fits = ranges
+                .iter()
+                .find(|range| probe.abs() <= *range * OVER_RANGE);
+            match fits {
+                Some(range) if *range < widest => on(*range),
+                _ => probe,
+            }
+        }
+    }
+}
+
 /// Infinite, with its sign, if a value exceeds its limit.
-pub(crate) fn over(value: f64, limit: f64) -> f64 {
+fn over(value: f64, limit: f64) -> f64 {
     if value.abs() <= limit {
         value
     } else if value < 0.0 {

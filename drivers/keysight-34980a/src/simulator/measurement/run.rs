@@ -3,17 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use survey::{Relay, Volts};
+use survey::Relay;
 
 use crate::command::{Function, Limit, Range};
-use crate::meter::RANGES;
 use crate::simulator::measurement::computation::{Limits, Mark, Scale};
-use crate::simulator::measurement::functions::{FunctionSettings, OVER_RANGE, over};
+use crate::simulator::measurement::functions::{FunctionSettings, dc_volts};
 use crate::simulator::measurement::memory::{Memory, Stored};
 use crate::simulator::relays::{Relays, ScanRelays};
 use crate::simulator::{
-    CURRENT_OVERLOAD, MeterRequest, RESISTANCE_OVERLOAD, TEMPERATURE_OVERLOAD, VOLTAGE_OVERLOAD,
-    Wires,
+    CURRENT_OVERLOAD, RESISTANCE_OVERLOAD, TEMPERATURE_OVERLOAD, VOLTAGE_OVERLOAD, Wires,
 };
 
 /// One reading of a sweep: of a channel, or without a channel of the bare voltmeter.
@@ -343,26 +341,8 @@ impl Run {
 
 /// One reading; infinite, with its sign, for an overload.
 fn measure(entry: &ScanEntry, at: Duration, wires: &mut dyn Wires) -> f64 {
-    let mut measure = |range: f64| {
-        let request = MeterRequest {
-            nplc: entry.nplc,
-            ..MeterRequest::volts(entry.channel, Volts(range))
-        };
-        over(wires.measure(at, request).0, range * OVER_RANGE)
-    };
-    let widest = RANGES[RANGES.len() - 1];
     match entry.measured {
+        Measured::Volts(range) => dc_volts(range, entry.channel, entry.nplc, at, wires),
         Measured::Other(settings) => settings.reading(entry.channel, entry.nplc, at, wires),
-        Measured::Volts(Range::Fixed(range)) => measure(range),
-        Measured::Volts(Range::Auto) => {
-            let probe = measure(widest);
-            let fits = RANGES
-                .into_iter()
-                .find(|range| probe.abs() <= range * OVER_RANGE);
-            match fits {
-                Some(range) if range < widest => measure(range),
-                _ => probe,
-            }
-        }
     }
 }
