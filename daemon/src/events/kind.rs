@@ -132,6 +132,7 @@ kinds! {
     RecordLocked "record-locked", Warn, Session, "Another program locks the session file; acquisition waits", "Close that program";
     RecordUnlocked "record-unlocked", Warn, Session, "The session file can be written again", "Nothing";
     SessionDeleted "session-deleted", Warn, Session, "The oldest session was deleted to free space, as configured", "Nothing";
+    SessionNotDeleted "session-not-deleted", Warn, Session, "An old session could not be deleted to free space; younger ones are deleted instead", "Remove the cause that the text names";
     PartRefused "part-refused", Warn, Session, "The next part of the session could not be created; the present one continues", "Check the disk that the text names";
     PartCreated "part-created", Warn, Session, "The next part of the session was created after earlier attempts had failed", "Nothing";
     ContainedPanic "contained-panic", Error, Journal, "The daemon's own code failed while it replied to one client", "Report it with the text";

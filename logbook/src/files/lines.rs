@@ -21,20 +21,6 @@ pub(crate) fn append_line(file: &mut File, line: &[u8]) -> Result<()> {
     written
 }
 
-/// The longest line that [`last_line`] returns whole, bytes.
-const LONGEST: u64 = 4096;
-
-/// The last line of a file, complete or not; of a line longer than 4096 bytes only its end.
-pub(crate) fn last_line(file: &File) -> Result<Vec<u8>> {
-    let length = file.metadata()?.len();
-    let begin = length.saturating_sub(LONGEST);
-    let mut end = vec![0; (length - begin) as usize];
-    file.read_exact_at(&mut end, begin)?;
-    let lines = end.strip_suffix(b"\n").unwrap_or(&end);
-    let last = lines.rsplit(|byte| *byte == b'\n').next();
-    Ok(last.unwrap_or_default().to_vec())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -54,10 +40,5 @@ mod tests {
         file.write_all(b"thr").unwrap();
         append_line(&mut file, b"four").unwrap();
         assert_eq!(std::fs::read(path).unwrap(), b"one\ntwo\nthr\nfour\n");
-        assert_eq!(last_line(&file).unwrap(), b"four");
-        file.write_all(b"fiv").unwrap();
-        assert_eq!(last_line(&file).unwrap(), b"fiv");
-        file.set_len(0).unwrap();
-        assert_eq!(last_line(&file).unwrap(), b"");
     }
 }

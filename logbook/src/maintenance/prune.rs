@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,9 +11,9 @@ use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
 use crate::directory::index;
-use crate::files::lines::{append_line, last_line};
+use crate::files::lines::append_line;
 use crate::files::{EXTENSION, entries, id_of, part_of, path_of};
-use crate::{LogbookError, SessionKind, SessionReader, SessionSummary, StateKind};
+use crate::{Index, LogbookError, SessionKind, SessionReader, SessionSummary, StateKind};
 
 /// Name of the list of pruned sessions, one JSON object on each line.
 const PRUNED: &str = "pruned.jsonl";
@@ -122,7 +123,7 @@ pub(crate) fn pruned_parts(dir: &Path) -> BTreeSet<String> {
 ///
 /// # Errors
 /// The folder cannot be read, the disk is too full for the list, or a file cannot be removed: the first such error,
-/// after the other sessions are removed.
+/// after the other sessions are removed, with `keep_bytes` also those whose space is needed instead.
 pub fn prune(
     dir: impl AsRef<Path>,
     retention: &Retention,
@@ -147,7 +148,6 @@ pub fn prune_each(
     let dir = dir.as_ref();
     let index = index(dir)?;
     let sessions = index.listing().sessions;
-    let mut pruned = Pruned::default();
     let files = by_session(dir)?;
     let of = |session: &SessionSummary| {
         files
@@ -158,7 +158,98 @@ pub fn prune_each(
         .iter()
         .map(|session| of(session).iter().map(|file| size(file)).sum())
         .collect();
-    pruned.left = sizes.iter().sum();
+    let mut pruned = Pruned {
+        left: sizes.iter().sum(),
+        ..Pruned::default()
+    };
+    let mut fates = vec![Fate::Stays; sessions.len()];
+    let mut failed = None;
+    let mut again = true;
+    while again {
+        again = false;
+        pruned.spared = select(
+            &index,
+            &sessions,
+            &sizes,
+            pruned.left,
+            retention,
+            now,
+            &mut fates,
+        );
+        let go = sessions
+            .iter()
+            .zip(&fates)
+            .filter(|(_, fate)| !fate.stays());
+        let go: BTreeSet<&str> = go.map(|(session, _)| id_of(&session.path)).collect();
+        let stay = files.keys().filter(|id| !go.contains(id.as_str()));
+        let stay: BTreeSet<&str> = stay.map(|id| part_of(id).0).collect();
+        for (session, fate) in sessions.iter().zip(&mut fates) {
+            let Fate::Due(why) = fate else {
+                continue;
+            };
+            let part_of_it_stays = stay.contains(part_of(id_of(&session.path)).0);
+            let go = of(session)
+                .iter()
+                .filter(|file| !(part_of_it_stays && is_of_all_parts(file)));
+            let go: Vec<&Path> = go.map(PathBuf::as_path).collect();
+            let removed = Removed {
+                id: session.id.clone(),
+                path: session.path.clone(),
+                bytes: go.iter().map(|file| size(file)).sum(),
+                why: std::mem::take(why),
+            };
+            if !dry_run && let Err(error) = remove(dir, &removed, &go, now) {
+                // this session is gone without a line: no other one may be
+                if error.is_full() {
+                    return Err(error);
+                }
+                failed.get_or_insert(error);
+                *fate = Fate::Stuck;
+                // others may be due in its place
+                again = true;
+                continue;
+            }
+            *fate = Fate::Gone;
+            pruned.left = pruned.left.saturating_sub(removed.bytes);
+            each(&removed);
+            pruned.removed.push(removed);
+        }
+    }
+    match failed {
+        Some(error) => Err(error),
+        None => Ok(pruned),
+    }
+}
+
+/// What becomes of a session.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Fate {
+    Stays,
+    /// It is to be removed, for this reason.
+    Due(String),
+    Gone,
+    /// It could not be removed.
+    Stuck,
+}
+
+impl Fate {
+    fn stays(&self) -> bool {
+        matches!(self, Self::Stays | Self::Stuck)
+    }
+}
+
+/// Selects the sessions that are due, of those that are still there, which take `left` bytes. Returns those selected by
+/// age or size but kept by another rule, and files that cannot be read.
+fn select(
+    index: &Index,
+    sessions: &[SessionSummary],
+    sizes: &[u64],
+    mut left: u64,
+    retention: &Retention,
+    now: DateTime<Utc>,
+    fates: &mut [Fate],
+) -> Vec<KeptSession> {
+    let mut kept = Vec::new();
     let open: BTreeSet<&str> = sessions
         .iter()
         .filter(|session| session.closed.is_none())
@@ -168,15 +259,17 @@ pub fn prune_each(
     // if it cannot be read, the newest readable baseline is unknown
     let unread = newest.is_err();
     let newest_baseline = newest.ok().flatten().map(|(session, _)| session.id);
-    let mut going = vec![None; sessions.len()];
     // Measurements first: a baseline is small, and is removed only if no kept session needs it.
     let (baselines, measurements): (Vec<usize>, Vec<usize>) =
         (0..sessions.len()).partition(|index| sessions[*index].kind == SessionKind::Baseline);
     // computed at the first baseline to be removed: by then the kept measurements are known
     let mut needed = None;
     for index in measurements.into_iter().chain(baselines) {
+        if matches!(fates[index], Fate::Gone | Fate::Stuck) {
+            continue;
+        }
         let session = &sessions[index];
-        let Some(reason) = due(session, retention, now, pruned.left) else {
+        let Some(reason) = due(session, retention, now, left) else {
             continue;
         };
         let spared = if session.closed.is_none() {
@@ -193,7 +286,7 @@ pub fn prune_each(
             Some("the archive has no receipt for its present content")
         } else if session.kind == SessionKind::Baseline
             && needed
-                .get_or_insert_with(|| needed_baselines(&sessions, &going))
+                .get_or_insert_with(|| needed_baselines(sessions, fates))
                 .contains(&session.id)
         {
             Some("a session that is kept was measured against it")
@@ -201,67 +294,31 @@ pub fn prune_each(
             None
         };
         match spared {
-            Some(why) => pruned.spared.push(KeptSession {
+            Some(why) => kept.push(KeptSession {
                 id: session.id.clone(),
                 why: why.to_owned(),
             }),
             None => {
-                going[index] = Some(reason);
-                pruned.left -= sizes[index];
+                fates[index] = Fate::Due(reason);
+                left = left.saturating_sub(sizes[index]);
             }
         }
     }
     for unreadable in index.unreadable() {
-        pruned.spared.push(KeptSession {
+        kept.push(KeptSession {
             id: id_of(&unreadable.path).to_owned(),
             why: format!("its age and frames cannot be read: {}", unreadable.why),
         });
     }
-    let go = sessions.iter().zip(&going).filter(|(_, why)| why.is_some());
-    let go: BTreeSet<&str> = go.map(|(session, _)| id_of(&session.path)).collect();
-    let stay = files.keys().filter(|id| !go.contains(id.as_str()));
-    let stay: BTreeSet<&str> = stay.map(|id| part_of(id).0).collect();
-    let mut failed = None;
-    for ((session, why), bytes) in sessions.iter().zip(going).zip(sizes) {
-        let Some(why) = why else {
-            continue;
-        };
-        let part_of_it_stays = stay.contains(part_of(id_of(&session.path)).0);
-        let go = of(session)
-            .iter()
-            .filter(|file| !(part_of_it_stays && is_of_all_parts(file)));
-        let go: Vec<&Path> = go.map(PathBuf::as_path).collect();
-        let freed: u64 = go.iter().map(|file| size(file)).sum();
-        pruned.left += bytes.saturating_sub(freed);
-        let removed = Removed {
-            id: session.id.clone(),
-            path: session.path.clone(),
-            bytes: freed,
-            why,
-        };
-        if !dry_run && let Err(error) = remove(dir, &removed, &go, now) {
-            // this session is gone without a line: no other one may be
-            if error.is_full() {
-                return Err(error);
-            }
-            failed.get_or_insert(error);
-            continue;
-        }
-        each(&removed);
-        pruned.removed.push(removed);
-    }
-    match failed {
-        Some(error) => Err(error),
-        None => Ok(pruned),
-    }
+    kept
 }
 
 /// Ids of the baselines that kept sessions need.
-fn needed_baselines(sessions: &[SessionSummary], going: &[Option<String>]) -> BTreeSet<String> {
+fn needed_baselines(sessions: &[SessionSummary], fates: &[Fate]) -> BTreeSet<String> {
     sessions
         .iter()
-        .zip(going)
-        .filter(|(session, going)| going.is_none() && session.kind == SessionKind::Measurement)
+        .zip(fates)
+        .filter(|(session, fate)| fate.stays() && session.kind == SessionKind::Measurement)
         .filter_map(|(session, _)| SessionReader::open(&session.path).ok()?.baseline().ok()?)
         .map(|baseline| baseline.id)
         .collect()
@@ -371,7 +428,7 @@ fn remove(
         why: &'a str,
     }
     #[derive(Deserialize)]
-    struct LastRemoved {
+    struct Listed {
         id: String,
     }
     let line = Line {
@@ -389,8 +446,12 @@ fn remove(
             .read(true)
             .open(&list)?;
         // a session whose files could not be removed is tried again, in the ring several times a second
-        let last: Option<LastRemoved> = serde_json::from_slice(&last_line(&file)?).ok();
-        if last.is_some_and(|last| last.id == removed.id) {
+        let mut listed = vec![0; file.metadata()?.len() as usize];
+        file.read_exact_at(&mut listed, 0)?;
+        let mut listed = listed
+            .split(|byte| *byte == b'\n')
+            .filter_map(|line| serde_json::from_slice::<Listed>(line).ok());
+        if listed.any(|listed| listed.id == removed.id) {
             return Ok(());
         }
         append_line(&mut file, &serde_json::to_vec(&line)?)

@@ -460,6 +460,30 @@ fn a_damaged_newest_baseline_spares_all_baselines() {
 }
 
 #[test]
+fn next_session_is_pruned_for_one_that_cannot_be_removed() {
+    let dir = tempfile::tempdir().unwrap();
+    for id in ["m1", "m2", "m3"] {
+        let writer = begun(dir.path(), &header(id), 1..=9);
+        writer.close(at(10), "done").unwrap();
+    }
+    let file = |name: &str| dir.path().join(name);
+    // a folder in place of a file of the first session, which can therefore not be removed
+    std::fs::create_dir(file("m1-failed-1.jsonl")).unwrap();
+    let retention = Retention {
+        keep_bytes: Some(logbook::folder_bytes(dir.path()).unwrap() - 1),
+        ..Retention::default()
+    };
+    let mut removed = Vec::new();
+    let pruned = logbook::prune_each(dir.path(), &retention, at(60), false, |one| {
+        removed.push(one.id.clone());
+    });
+    let refused = pruned.unwrap_err().to_string();
+    assert!(refused.contains("m1-failed-1.jsonl"), "{refused}");
+    assert_eq!(removed, ["m2"]);
+    assert!(file("m1.tactus").exists() && file("m3.tactus").exists());
+}
+
+#[test]
 fn sessions_are_removed_before_a_note_without_space() {
     let dir = tempfile::tempdir().unwrap();
     let paths = shelf(dir.path());

@@ -41,6 +41,8 @@ pub(crate) struct DiskPolicy {
     paused: Option<Pause>,
     /// How long to wait for another process's lock.
     pub(in crate::recording) lock_patience: Duration,
+    /// Why a session could not be deleted, which is reported once.
+    undeletable: Option<String>,
     /// Events waiting for space.
     pub(in crate::recording) unwritten: VecDeque<Event>,
 }
@@ -65,6 +67,7 @@ impl DiskPolicy {
             part_refused: false,
             paused: None,
             lock_patience: LOCK_TIMEOUT,
+            undeletable: None,
             unwritten: VecDeque::new(),
         }
     }
@@ -299,7 +302,8 @@ impl LogbookSink {
         logbook::folder_of(self.writer.path())
     }
 
-    /// Deletes the oldest sessions; reports each, also those before a failure. Returns whether something was deleted.
+    /// Deletes the oldest sessions; reports each, also those beside one that cannot be deleted, which is reported once.
+    /// Returns whether something was deleted.
     fn delete_oldest(&mut self) -> Result<bool, LogbookError> {
         let folder = self.folder().to_owned();
         let wanted = self.disk.section.reserve_mb * MEGABYTE;
@@ -322,9 +326,18 @@ impl LogbookSink {
             self.note(EventKind::SessionDeleted, &text);
         });
         match pruned {
-            // if the freed space does not suffice, the next call reports the error
-            Err(error) if deleted => tracing::warn!("{}", chain(&error)),
-            pruned => drop(pruned?),
+            Err(error) if deleted => {
+                let why = chain(&error);
+                if self.disk.undeletable.as_ref() != Some(&why) {
+                    let text = format!("{why}; younger sessions are deleted instead");
+                    self.note(EventKind::SessionNotDeleted, &text);
+                    self.disk.undeletable = Some(why);
+                }
+            }
+            pruned => {
+                pruned?;
+                self.disk.undeletable = None;
+            }
         }
         Ok(deleted)
     }

@@ -501,5 +501,41 @@ fn deletions_of_a_ring_before_a_failure_are_recorded() {
     scene.close();
     recording.join().unwrap().unwrap();
     let (_, events) = scene.recorded();
-    assert_eq!(events, ["disk-low", "session-deleted", "disk-room"]);
+    let deleted = ["session-deleted", "session-not-deleted"];
+    assert_eq!(
+        events,
+        [&["disk-low"], &deleted[..], &["disk-room"]].concat()
+    );
+}
+
+#[test]
+fn a_ring_deletes_the_next_session_if_the_oldest_stays() {
+    let (scene, recorder, queue, tell) = Scene::ring();
+    tell.send(Do::Map).unwrap();
+    let sessions = ["m00", "m01"].map(|id| {
+        let path = scene.closed_session(id);
+        // each one alone is more than is deleted at a time; no space is allocated
+        let large = std::fs::File::create(path.with_file_name(format!("{id}-failed-2.jsonl")));
+        large.unwrap().set_len(10_000 * MEGABYTE).unwrap();
+        path
+    });
+    // a folder in place of a file of the oldest session, which can therefore not be removed
+    std::fs::create_dir(sessions[0].with_file_name("m00-failed-1.jsonl")).unwrap();
+    scene.free.store(0, Ordering::SeqCst);
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.status.held(), |held| *held);
+    assert!(sessions[0].exists() && !sessions[1].exists());
+    // the oldest one is tried again and again, and listed once
+    let list = sessions[0].with_file_name("pruned.jsonl");
+    assert_eq!(std::fs::read_to_string(list).unwrap().lines().count(), 2);
+    scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (_, events) = scene.recorded();
+    let deleted = ["session-deleted", "session-not-deleted"];
+    assert_eq!(
+        events,
+        [&["disk-low"], &deleted[..], &["disk-room"]].concat()
+    );
 }
