@@ -48,6 +48,9 @@ struct Notice {
     active: bool,
     /// Whether its beginning was notified, so that its end will be.
     reported: bool,
+    /// The cause at the last check at which the alarm was active. If the rule was removed and added again since then,
+    /// the alarm has a new state without a cause.
+    cause: String,
     /// When a beginning was last notified.
     last: Option<Instant>,
     /// Beginnings that were not notified.
@@ -109,8 +112,14 @@ impl Notice {
         let was_active = std::mem::replace(&mut self.active, active);
         if !active {
             let reported = std::mem::take(&mut self.reported);
+            let last = std::mem::take(&mut self.cause);
+            let cause = match cause {
+                "" => last.as_str(),
+                cause => cause,
+            };
             return reported.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
         }
+        cause.clone_into(&mut self.cause);
         if !was_active {
             self.unreported += 1;
             // also for an alarm that is still active when it is unshelved or in service again
@@ -264,5 +273,27 @@ mod tests {
         alarms.set_rules(vec![rule()]);
         assert_eq!(at(&mut alarms, 5, Judgement::Within), []);
         assert_eq!(at(&mut alarms, 6, beyond()), [Phase::Begun]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn end_names_its_cause_if_the_rule_comes_back_at_once() {
+        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
+        let mut text = |alarms: &Alarms, second| {
+            let now = begin + Duration::from_secs(second);
+            let due = notices.due(now, alarms, AGAIN);
+            let each = due.into_iter().map(|message| (message.phase, message.text));
+            each.collect::<Vec<_>>()
+        };
+        for cause in ["9 kPa", "11 kPa"] {
+            alarms.judge(NAME, 0.0, Judgement::Beyond(cause.to_owned()));
+            text(&alarms, 0);
+        }
+        order(&mut alarms, 1, &Order::Acknowledge);
+        // between two checks
+        alarms.set_rules(Vec::new());
+        alarms.set_rules(vec![rule()]);
+        let ended = (Phase::Ended, "over; it was: 11 kPa".to_owned());
+        assert_eq!(text(&alarms, 5), [ended]);
+        assert_eq!(text(&alarms, 10), []);
     }
 }
