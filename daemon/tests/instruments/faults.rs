@@ -224,6 +224,43 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn relays_of_a_rig_that_returns_at_once_are_reported_open() {
+    let (rig, _server, config) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    daemon.baseline(1).await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let session = daemon.start(Options::new().with("step", true)).await;
+    within(session.step(1)).await.unwrap();
+    rig.set_wire(Instrument::Source, Wire::Cut);
+    rig.set_wire(Instrument::Mainframe, Wire::Cut);
+    let stepped = session.clone();
+    let step = tokio::spawn(async move { stepped.step(1).await });
+    let mut kinds = Vec::new();
+    loop {
+        let signal = within(dbus::next(&mut happened)).await.unwrap();
+        let reported = signal.args().unwrap();
+        kinds.push(reported.kind.to_string());
+        match reported.kind {
+            // before the first attempt to reconnect, which therefore succeeds
+            "alarm" => {
+                rig.set_wire(Instrument::Source, Wire::Sound);
+                rig.set_wire(Instrument::Mainframe, Wire::Sound);
+            }
+            "resumed" => break,
+            _ => {}
+        }
+    }
+    let place = |wanted: &str| kinds.iter().position(|kind| kind == wanted);
+    let steps = ["alarm", "source-off", "relays-open", "reconnected"].map(place);
+    assert!(
+        steps.iter().all(Option::is_some) && steps.is_sorted(),
+        "{kinds:?}"
+    );
+    within(step).await.unwrap().unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_stop_ends_a_session_that_waits_for_its_rig() {
     let Measuring {
         rig,

@@ -223,7 +223,7 @@ impl Controller {
             Ok(_) => SourceState::Off,
             Err(error) => error.source_state(),
         };
-        let before = {
+        let (before, relays) = {
             let mut inner = self.inner();
             let before = inner.source_state;
             // the last known state of a source that is not reached is kept
@@ -232,15 +232,16 @@ impl Controller {
             }
             let error = outcome.as_ref().err();
             inner.relays_unknown |= error.is_some_and(AssemblyError::leaves_relays_unknown);
-            before
+            // an assembled rig has its relays verified open
+            let opened = outcome.is_ok() && std::mem::take(&mut inner.relays_unknown);
+            (before, opened)
         };
         let source = (before, now) == (SourceState::Unknown, SourceState::Off);
-        self.report_safe_again(session, source, false).await;
+        self.report_safe_again(session, source, relays).await;
         match outcome {
             Ok(assembled) => {
                 {
                     let mut inner = self.inner();
-                    inner.relays_unknown = false;
                     inner.others = None;
                     inner.identities.modules = assembled.identities.modules.clone();
                 }

@@ -240,9 +240,13 @@ impl Controller {
             }
             None => return Ok(()),
         }
-        let before = std::mem::replace(&mut self.inner().source_state, SourceState::Off);
-        let source = before == SourceState::Unknown;
-        self.inner().relays_unknown = false;
+        // what the assembly above found off and open is reported already
+        let (source, relays) = {
+            let mut inner = self.inner();
+            let before = std::mem::replace(&mut inner.source_state, SourceState::Off);
+            let relays = std::mem::take(&mut inner.relays_unknown);
+            (before == SourceState::Unknown, relays)
+        };
         self.report_safe_again(None, source, relays).await;
         Ok(())
     }
