@@ -57,6 +57,7 @@ mod maintenance;
 mod quantities;
 mod reader;
 mod row;
+mod run_time;
 pub mod schema;
 mod states;
 mod writer;
@@ -89,5 +90,6 @@ pub use quantities::{
     QuantityLine, QuantityLines, append_quantities, quantities_file, quantity_lines,
 };
 pub use reader::{Frames, SessionReader};
+pub use run_time::time_run;
 pub use states::{StateKind, keep_state, kept_state};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage};

@@ -8,6 +8,7 @@ mod opening;
 mod order;
 mod readings;
 mod tables;
+mod times;
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -19,7 +20,7 @@ use survey::Checks;
 
 use crate::files::{self, id_of, part_of};
 use crate::row::{End, HEADER_COLUMNS, HeaderChecksum, HeaderFault, header_row};
-use crate::{Closing, LogbookError, SessionHeader, SessionSummary, Taken, schema};
+use crate::{Closing, LogbookError, SessionHeader, SessionSummary, schema};
 use guard::Guard;
 use opening::JournalMode;
 use outfile::folder_of;
@@ -248,23 +249,6 @@ impl SessionReader {
         let sql = format!("SELECT max(id) FROM {table}");
         let last = self.one_number(&sql, [], "count the rows of")?;
         Ok(last.unwrap_or(0))
-    }
-
-    /// When the last frame was taken, even if its readings are damaged.
-    pub(crate) fn last_taken(&self) -> Result<Option<Taken>, LogbookError> {
-        let last = self.last_sequence()?;
-        let Some(row) = self.row(last)? else {
-            return Ok(None);
-        };
-        // Without its stretch the time is unknown.
-        let Ok((stretch, _)) = self.stretch(last as i64, row.row.stretch) else {
-            return Ok(None);
-        };
-        let (monotonic_us, wall_us) = stretch.times(&row.row);
-        Ok(Some(Taken {
-            wall: wall(wall_us),
-            monotonic: microseconds(monotonic_us),
-        }))
     }
 
     /// Number of late maps written.

@@ -265,3 +265,86 @@ fn a_successor_goes_on_behind_what_was_acknowledged() {
         "its journal is not folded in"
     );
 }
+
+/// A frame taken at a second of its process, with this wall time.
+fn frame_at(number: u64, monotonic: u64, second: i64) -> Frame {
+    Frame {
+        monotonic: Duration::from_secs(monotonic),
+        wall: at(second),
+        ..frame(number)
+    }
+}
+
+#[test]
+fn time_run_counts_no_setting_of_the_wall_clock() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = SessionWriter::create(dir.path(), &header("m1")).unwrap();
+    let first = writer.path().to_owned();
+    let run = || logbook::time_run(&first).unwrap().as_secs();
+    assert_eq!(run(), 0);
+    // the process started 100 s before the session; its clock is set back by an hour, and in the next part forward
+    writer.append(&frame_at(1, 101, 1), None).unwrap();
+    writer.append(&frame_at(2, 110, 10), None).unwrap();
+    writer.append(&frame_at(3, 120, 20 - 3600), None).unwrap();
+    assert_eq!(run(), 20);
+    writer.roll(at(25 - 3600)).unwrap();
+    writer.append(&frame_at(4, 130, 30 + 86_400), None).unwrap();
+    assert_eq!(run(), 30);
+    let second = writer.path().to_owned();
+    drop(writer);
+    // another process, whose monotonic clock has passed that of the one before
+    let (mut writer, _) = SessionWriter::resume(&second).unwrap();
+    let event = |writer: &mut SessionWriter, second| {
+        writer.event(at(second), RESUMED, "power cut").unwrap();
+    };
+    event(&mut writer, 220 + 86_400);
+    writer
+        .append(&frame_at(5, 150, 230 + 86_400), None)
+        .unwrap();
+    assert_eq!(run(), 230);
+    drop(writer);
+    // a third one, which has run for 7 s: its wall clock is behind
+    let (mut writer, _) = SessionWriter::resume(&second).unwrap();
+    event(&mut writer, 80 + 82_800);
+    writer.append(&frame_at(6, 7, 85 + 82_800), None).unwrap();
+    assert_eq!(run(), 237);
+    drop(writer);
+    // the three frames of a deleted part count with the mean period of the others: 207 s in two periods
+    std::fs::remove_file(&first).unwrap();
+    let rest = logbook::time_run(&second).unwrap().as_secs_f64();
+    assert_eq!(rest, 207.0 + 3.0 * 103.5);
+}
+
+#[test]
+fn wall_times_are_read_backwards_without_readings() {
+    let dir = tempfile::tempdir().unwrap();
+    let frames = 2500;
+    let mut writer = SessionWriter::create(dir.path(), &header("m1")).unwrap();
+    let all: Vec<Frame> = (1..=frames).map(frame).collect();
+    for frames in all.chunks(32) {
+        writer
+            .append_all(frames.iter().map(|frame| (frame, None)))
+            .unwrap();
+    }
+    let path = writer.path().to_owned();
+    writer.close(at(frames as i64), "done").unwrap();
+    let file = rusqlite::Connection::open(&path).unwrap();
+    file.execute("UPDATE frame SET readings = NULL", [])
+        .unwrap();
+    drop(file);
+    let session = SessionReader::open(&path).unwrap();
+    assert!(session.frame(7).is_err());
+    for (first, last) in [(1, u64::MAX), (3, 2400), (7, 7), (9, 8)] {
+        let times: Vec<_> = session
+            .wall_times_back(first, last)
+            .map(|time| time.unwrap())
+            .collect();
+        let expected = (first..=last.min(frames)).rev();
+        let expected: Vec<_> = expected.map(|number| (number, at(number as i64))).collect();
+        assert!(
+            times == expected,
+            "{first} to {last}: {} times",
+            times.len()
+        );
+    }
+}
