@@ -33,6 +33,8 @@ pub(super) struct Interrupted {
     pub resumed: Resumed,
     /// The last frame before the gap.
     pub last: Option<Record>,
+    /// How long it had run when that frame was taken.
+    run: Duration,
     /// Whether its daemon was stopped in an orderly way.
     stopped: bool,
 }
@@ -207,7 +209,7 @@ impl Controller {
         let age = now.signed_duration_since(baseline.wall);
         let mut order = self.measurement(&options, Some(Arc::new(baseline))).await?;
         if let Some(lasts) = order.schedule.lasts {
-            let left = time_left(lasts, header.started, last, now);
+            let left = time_left(lasts, &found, now, runtime.clock.monotonic());
             if left.is_zero() {
                 return Err(NotResumed::Closed(
                     "the scheduled duration is over".to_owned(),
@@ -285,11 +287,13 @@ fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookE
         .last()
         .is_some_and(|event| event.kind == EventKind::ShutDown.as_str());
     drop(reader);
+    let run = logbook::time_run(path)?;
     let (writer, resumed) = SessionWriter::resume(path)?;
     let found = Interrupted {
         writer,
         resumed,
         last,
+        run,
         stopped,
     };
     Ok((found, baseline))
@@ -303,16 +307,14 @@ fn within_an_hour(before: &[DateTime<Utc>], now: DateTime<Utc>) -> u64 {
     before.iter().filter(near).count() as u64
 }
 
-/// The rest of a session's scheduled duration. If the clock was set back to before the last frame, the time up to that
-/// frame counts.
-fn time_left(
-    lasts: Duration,
-    started: DateTime<Utc>,
-    last: DateTime<Utc>,
-    now: DateTime<Utc>,
-) -> Duration {
-    let gone = now.max(last).signed_duration_since(started);
-    lasts.saturating_sub(gone.to_std().unwrap_or_default())
+/// The rest of the scheduled duration of a session. `up`: how long this daemon has run. The session was interrupted for
+/// at least this time, also if the wall clock was set back meanwhile.
+fn time_left(lasts: Duration, found: &Interrupted, now: DateTime<Utc>, up: Duration) -> Duration {
+    let last = found.resumed.last.map(|last| last.wall);
+    let last = last.unwrap_or(found.resumed.header.started);
+    let since = now.signed_duration_since(last).to_std();
+    let interrupted = since.unwrap_or_default().max(up);
+    lasts.saturating_sub(found.run.saturating_add(interrupted))
 }
 
 /// The known cause of the interruption.
@@ -370,14 +372,60 @@ fn from_json(text: &str) -> Option<Options> {
 mod tests {
     use crate::session::controller::resume::*;
 
+    fn hours(count: u64) -> Duration {
+        Duration::from_secs(count * 3600)
+    }
+
+    /// Records a session of ten hours from 100 h on with a frame an hour, whose daemon had run for 50 h before and was
+    /// killed after the fourth frame. The clock was set back by `set_back` before the third frame, with which a part
+    /// begins. Returns its last part.
+    fn killed(folder: &Path, set_back: Duration) -> PathBuf {
+        let protocol = Protocol::sheffield(4).unwrap();
+        let started = DateTime::UNIX_EPOCH + hours(100);
+        let header = SessionHeader::new("m1", started, protocol.clone());
+        let mut writer = SessionWriter::create(folder, &header).unwrap();
+        for number in 1..=4 {
+            let wall = started + hours(number) - if number > 2 { set_back } else { hours(0) };
+            let frame = survey::Frame {
+                sequence: number,
+                readings: vec![survey::Reading::Ok(survey::Volts(1.0)); protocol.len()],
+                monotonic: hours(50 + number),
+                wall,
+                duration: Duration::from_millis(500),
+                settings: survey::Settings {
+                    protocol_hash: protocol.hash(),
+                    current: survey::Amps(1.0),
+                    range: survey::Volts(10.0),
+                    nplc: 1.0,
+                    settle: Duration::ZERO,
+                    wiring: "wiring".to_owned(),
+                    precautions: survey::Precautions::default(),
+                },
+                extra: Vec::new(),
+                compliance: Vec::new(),
+                simulated: false,
+            };
+            if number == 3 {
+                writer.roll(wall).unwrap();
+            }
+            writer.append(&frame, None).unwrap();
+        }
+        writer.path().to_owned()
+    }
+
     #[test]
     fn a_clock_that_is_set_back_does_not_lengthen_a_session() {
-        let at = |hours: u64| DateTime::UNIX_EPOCH + Duration::from_secs(hours * 3600);
-        let left = |now| {
-            let left = time_left(Duration::from_secs(10 * 3600), at(100), at(104), at(now));
-            left.as_secs() / 3600
-        };
-        assert_eq!([left(105), left(110), left(102), left(0)], [5, 0, 6, 6]);
+        for set_back in [0, 3, 90].map(hours) {
+            let folder = tempfile::tempdir().unwrap();
+            let (found, _) = open(&killed(folder.path(), set_back)).unwrap();
+            let end = DateTime::UNIX_EPOCH + hours(104) - set_back;
+            let left = |now, up| time_left(hours(10), &found, now, hours(up));
+            assert_eq!(left(end + hours(1), 0), hours(5), "{set_back:?}");
+            assert_eq!(left(end + hours(6), 0), hours(0), "{set_back:?}");
+            // set back after the last frame, too
+            assert_eq!(left(end - hours(2), 0), hours(6), "{set_back:?}");
+            assert_eq!(left(end - hours(2), 1), hours(5), "{set_back:?}");
+        }
     }
 
     #[test]
