@@ -418,3 +418,29 @@ async fn reading_relay_counters_ends_no_fault() {
     daemon.baseline(1).await;
     assert_eq!(daemon.manager.state().await.unwrap(), "idle");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn relay_counters_that_come_late_do_not_fail_a_frame() {
+    let (rig, _server, config) = on_tcp().await;
+    let [switch, voltmeter] = ["[switch]\n", "[voltmeter]\n"];
+    let quick = |section| format!("{section}deadline_ms = 500\n");
+    let config = config.replace(switch, &quick(switch));
+    let stage = Stage::new(&config.replace(voltmeter, &quick(voltmeter)));
+    let daemon = stage.start().await;
+    rig.keep_transcript();
+    // of the counters, which are the first query of a session
+    let late = simulator::ReplyFault::Late(std::time::Duration::from_millis(800));
+    let late = simulator::Fault::Replies(Instrument::Mainframe, late, 1);
+    rig.fault(&late).unwrap();
+    let session = daemon.baseline(1).await;
+    let messages = rig.transcript();
+    let mut of_mainframe = messages
+        .iter()
+        .filter(|message| message.instrument == Instrument::Mainframe);
+    let first = &of_mainframe.next().unwrap().received;
+    assert!(first.contains("DIAG:REL:CYCL?"), "{first}");
+    let record = logbook::SessionReader::open(session.path().await.unwrap()).unwrap();
+    let events = record.events().unwrap();
+    assert!(events.is_empty(), "{events:?}");
+    assert_eq!(record.len().unwrap(), 1);
+}

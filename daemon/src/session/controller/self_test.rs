@@ -75,6 +75,19 @@ impl Controller {
         }
         if let Err(fault) = self.read_wear(&plan, every).await {
             tracing::debug!("the relays' counters were not read: {fault}");
+            if let Fault::InstrumentFault(_) = fault {
+                self.resynchronise(&plan).await;
+            }
+        }
+    }
+
+    /// Resynchronises links after a lost or late reply, by making the rig safe, so that the next frame does not fail.
+    /// If that fails, so does the frame, and the rig is recovered in the session.
+    async fn resynchronise(&self, plan: &RigPlan) {
+        if let FrameSource::Rig { rig: Some(rig), .. } = &*self.source.lock().await
+            && let Err(error) = rig.safe_off(&plan.plan.wiring).await
+        {
+            tracing::debug!("before the first frame: {error}");
         }
     }
 
