@@ -167,7 +167,7 @@ impl Source {
         let name = self.text.get(span.clone()).unwrap_or_default();
         let other = latest(table, name.trim_matches(['"', '\'']), span.start);
         let line = other.map_or(String::new(), |other| {
-            format!(" (line {})", place(&self.text, other).0)
+            format!(" (line {})", survey::line_and_column(&self.text, other).0)
         });
         format!("the key '{name}' is there twice{line}; delete one of them")
     }
@@ -175,22 +175,10 @@ impl Source {
     fn at(&self, span: Option<Range<usize>>, text: String) -> Problem {
         Problem {
             file: self.file.clone(),
-            place: span.map(|span| place(&self.text, span.start)),
+            place: span.map(|span| survey::line_and_column(&self.text, span.start)),
             text,
         }
     }
-}
-
-/// Line and column, from 1, of a byte offset.
-fn place(text: &str, at: usize) -> (usize, usize) {
-    let before = text.get(..at).unwrap_or(text);
-    let line = before.matches('\n').count() + 1;
-    let column = before
-        .rsplit('\n')
-        .next()
-        .map_or(0, |line| line.chars().count())
-        + 1;
-    (line, column)
 }
 
 /// Removes the entry whose key or value the problem points at. In an array of tables, only an unknown key is removed

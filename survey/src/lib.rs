@@ -28,6 +28,7 @@ mod quality;
 mod reading;
 mod ring;
 mod sketch;
+mod text_position;
 mod units;
 mod wiring;
 
@@ -49,5 +50,6 @@ pub use printable::{
 pub use quality::{Checks, Quality, QualityFlag};
 pub use reading::{Reading, relative_changes};
 pub use ring::{Dipole, Electrode};
+pub use text_position::line_and_column;
 pub use units::{Amps, Ohms, Volts};
 pub use wiring::{Relay, RelayTable, Sensing, Transition, Wiring, WiringError};

@@ -118,8 +118,7 @@ fn from_file(path: &Path) -> Result<WiringWithModules, String> {
     let text =
         std::fs::read_to_string(path).map_err(|cause| named(format!("cannot be read: {cause}")))?;
     let document: WiringFile = toml::from_str(&text).map_err(|fault| {
-        let before = &text[..fault.span().map_or(0, |span| span.start).min(text.len())];
-        let line = before.matches('\n').count() + 1;
+        let (line, _) = survey::line_and_column(&text, fault.span().map_or(0, |span| span.start));
         format!("{}:{line}: {}", path.display(), fault.message())
     })?;
     let mut modules = BTreeMap::new();

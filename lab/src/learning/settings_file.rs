@@ -46,9 +46,8 @@ impl<'a> SettingsFile<'a> {
     }
 
     fn at(&self, byte: Option<usize>, text: &str) -> String {
-        let before = byte.and_then(|byte| self.text.get(..byte));
-        let line = before.map_or(String::new(), |before| {
-            format!(":{}", before.matches('\n').count() + 1)
+        let line = byte.map_or(String::new(), |byte| {
+            format!(":{}", survey::line_and_column(&self.text, byte).0)
         });
         format!("{}{line}: {text}", self.path.display())
     }

@@ -163,12 +163,11 @@ impl Profile {
     /// What is wrong, with line and column.
     pub fn parse(file: &str, text: &str) -> Result<Self, ProfileError> {
         let fault = |at: std::ops::Range<usize>, what: String| {
-            let before = &text[..at.start.min(text.len())];
-            let line_start = before.rfind('\n').map_or(0, |end| end + 1);
+            let (line, column) = survey::line_and_column(text, at.start);
             ProfileError::Text {
                 file: file.to_owned(),
-                line: before.matches('\n').count() + 1,
-                column: before[line_start..].chars().count() + 1,
+                line,
+                column,
                 what,
             }
         };

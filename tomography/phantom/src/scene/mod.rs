@@ -184,12 +184,6 @@ impl Scene {
     /// # Errors
     /// An unknown or missing key, or an invalid value, with its position.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, SceneError> {
-        let place = |span: &Range<usize>| {
-            let before = text.get(..span.start).unwrap_or(text);
-            let line_start = before.rfind('\n').map_or(0, |at| at + 1);
-            let line = before.matches('\n').count() + 1;
-            (line, before[line_start..].chars().count() + 1)
-        };
         let scene: Result<Text, _> = toml::from_str(text);
         scene
             .map_err(|fault| {
@@ -202,12 +196,12 @@ impl Scene {
             })
             .and_then(|scene| {
                 scene.scene(text, |span| {
-                    let (line, column) = place(span);
+                    let (line, column) = survey::line_and_column(text, span.start);
                     format!("{file_name}:{line}:{column}")
                 })
             })
             .map_err(|Fault(span, fault)| {
-                let (line, column) = place(&span);
+                let (line, column) = survey::line_and_column(text, span.start);
                 SceneError {
                     file: file_name.to_owned(),
                     line,
