@@ -2,54 +2,38 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use survey::Bounds::Within;
 
-/// `[archive]`, read by `tactus-archive` only.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ArchiveSection {
-    /// The site, a name in the catalogue.
-    pub site: String,
-    /// Name of this machine within its site; its host name if not given.
-    pub daq: Option<String>,
-    /// Folder of the store, or `s3://BUCKET`.
-    pub store: String,
-    /// Address of the S3-compatible server of a bucket.
-    pub store_endpoint: Option<String>,
-    /// Region of the bucket.
-    pub store_region: Option<String>,
-    /// A file with two lines: the name of the bucket's key, and the key.
-    pub store_keys_file: Option<PathBuf>,
-    /// Certificates (PEM) of the authorities that may issue the certificate of the bucket's server.
-    pub store_ca: Option<PathBuf>,
-    /// PostgreSQL server of the catalogue, as URL or `key=value` words, without a password.
-    pub dsn: String,
-    /// Certificates (PEM) of the authorities that may issue the certificate of the PostgreSQL server.
-    pub ca: Option<PathBuf>,
-    /// A file with the password of the PostgreSQL user.
-    pub password_file: Option<PathBuf>,
-    /// Period of `tactus-archive run`, s.
-    pub every_s: f64,
-    /// Largest size of the cache of sessions that were fetched for reading, MB.
-    pub cache_mb: u64,
-}
+use crate::numbers::MEGABYTES;
+use crate::section::section;
 
-impl Default for ArchiveSection {
-    fn default() -> Self {
-        Self {
-            site: String::new(),
-            daq: None,
-            store: String::new(),
-            store_endpoint: None,
-            store_region: None,
-            store_keys_file: None,
-            store_ca: None,
-            dsn: String::new(),
-            ca: None,
-            password_file: None,
-            every_s: 60.0,
-            cache_mb: 20_000,
-        }
+section! {
+    /// `[archive]`, read by `tactus-archive` only.
+    ArchiveSection, "archive" {
+        /// The site, a name in the catalogue.
+        site: String;
+        /// Name of this machine within its site; its host name if not given.
+        daq: Option<String>;
+        /// Folder of the store, or `s3://BUCKET`.
+        store: String;
+        /// Address of the S3-compatible server of a bucket.
+        store_endpoint: Option<String>;
+        /// Region of the bucket.
+        store_region: Option<String>;
+        /// A file with two lines: the name of the bucket's key, and the key.
+        store_keys_file: Option<PathBuf>;
+        /// Certificates (PEM) of the authorities that may issue the certificate of the bucket's server.
+        store_ca: Option<PathBuf>;
+        /// PostgreSQL server of the catalogue, as URL or `key=value` words, without a password.
+        dsn: String;
+        /// Certificates (PEM) of the authorities that may issue the certificate of the PostgreSQL server.
+        ca: Option<PathBuf>;
+        /// A file with the password of the PostgreSQL user.
+        password_file: Option<PathBuf>;
+        /// Period of `tactus-archive run`, s.
+        every_s: f64 = 60.0, in Within(1.0, 86_400.0);
+        /// Largest size of the cache of sessions that were fetched for reading, MB.
+        cache_mb: u64 = 20_000, in MEGABYTES;
     }
 }
 

@@ -13,19 +13,26 @@
 
 mod alarm;
 mod archive;
+mod measuring;
 mod mqtt;
 pub mod numbers;
 mod observing;
 pub mod problems;
+mod section;
 
 use std::path::{Path, PathBuf};
 
 use imaging::quantities::{QuantitySettings, RegionSettings};
 use imaging::{GeometrySettings, ReconstructionSettings};
 use serde::{Deserialize, Serialize};
+use survey::Bounds::{Above, Within};
+
+use crate::numbers::{COUNT, ELECTRODES, EVERY_S, FOR_S, MEGABYTES, SLOT, SPEED};
+use crate::section::section;
 
 pub use alarm::{AlarmSettings, HealthValue, Limit, Watched};
 pub use archive::ArchiveSection;
+pub use measuring::{RangesName, SurveySection};
 pub use mqtt::MqttSection;
 pub use observing::{MetricsSection, NotifySection};
 
@@ -128,24 +135,24 @@ pub struct InstrumentSection {
     pub enable: Option<EnableName>,
 }
 
-/// `[recording]`: existing frames.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RecordingSection {
-    /// A session file.
-    pub session: Option<PathBuf>,
-    /// A case folder.
-    pub case: Option<PathBuf>,
-    /// A file of frames in the case folder.
-    pub frames: Option<PathBuf>,
-    /// The frames of the baseline: a file, or `first:N`.
-    pub baseline: Option<String>,
-    /// Whether the sign of all voltages is inverted, for recordings of magnitudes.
-    pub negate: bool,
-    /// Frames a second.
-    pub frames_per_s: Option<f64>,
-    /// Speed: 1 for the recorded rate, 0 for as fast as possible.
-    pub speed: Option<f64>,
+section! {
+    /// `[recording]`: existing frames.
+    RecordingSection, "recording" {
+        /// A session file.
+        session: Option<PathBuf>;
+        /// A case folder.
+        case: Option<PathBuf>;
+        /// A file of frames in the case folder.
+        frames: Option<PathBuf>;
+        /// The frames of the baseline: a file, or `first:N`.
+        baseline: Option<String>;
+        /// Whether the sign of all voltages is inverted, for recordings of magnitudes.
+        negate: bool;
+        /// Frames a second.
+        frames_per_s: Option<f64>, in Above(0.0, 1e6);
+        /// Speed: 1 for the recorded rate, 0 for as fast as possible.
+        speed: Option<f64>, in SPEED;
+    }
 }
 
 /// Which modules connect the electrodes.
@@ -175,135 +182,50 @@ pub enum WiringKind {
     File,
 }
 
-/// `[wiring]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct WiringSection {
-    /// The kind of wiring.
-    pub kind: WiringKind,
-    /// Slot of the first module.
-    pub slot: u32,
-    /// Slot of the injecting pairs.
-    pub inject_slot: Option<u32>,
-    /// A file with the wiring, relay by relay.
-    pub file: Option<PathBuf>,
-    /// Number of electrodes.
-    pub electrodes: Option<usize>,
-}
-
-impl Default for WiringSection {
-    fn default() -> Self {
-        Self {
-            kind: WiringKind::default(),
-            slot: 1,
-            inject_slot: None,
-            file: None,
-            electrodes: None,
-        }
+section! {
+    /// `[wiring]`.
+    WiringSection, "wiring" {
+        /// The kind of wiring.
+        kind: WiringKind;
+        /// Slot of the first module.
+        slot: u32 = 1, in SLOT;
+        /// Slot of the injecting pairs.
+        inject_slot: Option<u32>, in SLOT;
+        /// A file with the wiring, relay by relay.
+        file: Option<PathBuf>;
+        /// Number of electrodes.
+        electrodes: Option<usize>, in ELECTRODES;
     }
 }
 
-/// `[survey]`: how a frame is measured.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SurveySection {
-    /// Number of electrodes; by default that of the sheet.
-    pub electrodes: Option<usize>,
-    /// Injected current, uA.
-    pub current_ua: f64,
-    /// Voltage limit of the source, V.
-    pub compliance_v: f64,
-    /// Settling time after a change of current, ms.
-    pub settle_ms: f64,
-    /// Range of the voltmeter, V.
-    pub range_v: f64,
-    /// Integration time, power-line cycles.
-    pub nplc: f64,
-    /// Whether every reading is followed by a zero reading.
-    pub autozero: bool,
-    /// Mains frequency, Hz.
-    pub line_hz: f64,
-    /// Number of readings that are averaged to one.
-    pub averages: u32,
-    /// Wait before each scanned channel, ms.
-    pub channel_delay_ms: f64,
-    /// Whether every injection is read with both polarities.
-    pub reversal: bool,
-    /// Number of electrodes between those of a pair.
-    pub skip: usize,
-    /// Whether only one of two reciprocal readings is taken.
-    pub half: bool,
-    /// Where the voltmeter's ranges come from.
-    pub ranges: RangesName,
-    /// Margin of planned ranges, a factor.
-    pub range_margin: f64,
-    /// With a matrix: whether all readings of an injection are requested in one message.
-    pub chained: bool,
-    /// A zero-current frame before the first and after this many frames; never if not given.
-    pub zero_every: Option<u64>,
-}
-
-/// Where the voltmeter's ranges come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RangesName {
-    /// One for every reading.
-    #[default]
-    Fixed,
-    /// Individual ranges: from the baseline, or from the model of the sheet before there is one.
-    Planned,
-}
-
-impl Default for SurveySection {
-    fn default() -> Self {
-        Self {
-            electrodes: None,
-            current_ua: 1000.0,
-            compliance_v: 10.0,
-            settle_ms: 2.0,
-            range_v: 1.0,
-            nplc: 1.0,
-            autozero: false,
-            line_hz: 50.0,
-            averages: 1,
-            channel_delay_ms: 0.0,
-            reversal: false,
-            skip: 0,
-            half: false,
-            ranges: RangesName::default(),
-            range_margin: 1.5,
-            chained: false,
-            zero_every: None,
-        }
+section! {
+    /// `[record]`.
+    RecordSection, "record" {
+        /// Where session files are written.
+        directory: Option<PathBuf>;
+        /// Number of frames whose instrument messages are kept in memory.
+        // the messages of one frame take some 100 kB of memory
+        transcripts: usize = 8, in Within(0.0, 1000.0);
+        /// Time for which frames are gathered for one sync; 0: only frames already waiting are written together.
+        // no frame is published while frames are gathered
+        group_ms: u64 = 0, in Within(0.0, 60e3);
+        /// File size at which the next part of the session starts; 0: never.
+        roll_mb: u64 = 4000, in MEGABYTES;
+        /// Whether the first frame of a day (UTC) starts the next part.
+        roll_daily: bool;
+        /// What to do if the disk is full.
+        when_full: FullName = FullName::Stop;
+        /// Free space below which a warning is given once.
+        warn_below_mb: u64 = 2000, in MEGABYTES;
+        /// Free space below which the disk counts as full.
+        reserve_mb: u64 = 200, in MEGABYTES;
+        /// Whether the daemon resumes an interrupted session when it starts.
+        resume: bool = true;
+        /// Largest age of an interrupted session's last frame at which the session is still resumed, h.
+        resume_within_h: f64 = 72.0, in Within(0.0, 8766.0);
+        /// Most resumptions of a session within an hour.
+        resume_per_hour: u64 = 6, in Within(0.0, 3600.0);
     }
-}
-
-/// `[record]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RecordSection {
-    /// Where session files are written.
-    pub directory: Option<PathBuf>,
-    /// Number of frames whose instrument messages are kept in memory.
-    pub transcripts: usize,
-    /// Time for which frames are gathered for one sync; 0: only frames already waiting are written together.
-    pub group_ms: u64,
-    /// File size at which the next part of the session starts; 0: never.
-    pub roll_mb: u64,
-    /// Whether the first frame of a day (UTC) starts the next part.
-    pub roll_daily: bool,
-    /// What to do if the disk is full.
-    pub when_full: FullName,
-    /// Free space below which a warning is given once.
-    pub warn_below_mb: u64,
-    /// Free space below which the disk counts as full.
-    pub reserve_mb: u64,
-    /// Whether the daemon resumes an interrupted session when it starts.
-    pub resume: bool,
-    /// Largest age of an interrupted session's last frame at which the session is still resumed, h.
-    pub resume_within_h: f64,
-    /// Most resumptions of a session within an hour.
-    pub resume_per_hour: u64,
 }
 
 /// What to do if there is no space for the record.
@@ -315,24 +237,6 @@ pub enum FullName {
     Stop,
     /// The oldest closed sessions are deleted.
     Ring,
-}
-
-impl Default for RecordSection {
-    fn default() -> Self {
-        Self {
-            directory: None,
-            transcripts: 8,
-            group_ms: 0,
-            roll_mb: 4000,
-            roll_daily: false,
-            when_full: FullName::Stop,
-            warn_below_mb: 2000,
-            reserve_mb: 200,
-            resume: true,
-            resume_within_h: 72.0,
-            resume_per_hour: 6,
-        }
-    }
 }
 
 /// Notes about the experiment, stored with every session.
@@ -378,26 +282,26 @@ impl Default for BusSection {
     }
 }
 
-/// `[schedule]`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ScheduleSection {
-    /// Whether a session starts with the daemon.
-    pub start: bool,
-    /// Period from start to start of frames, s; 0: back to back.
-    pub every_s: Option<f64>,
-    /// Number of frames.
-    pub count: Option<u64>,
-    /// Duration of the session, s.
-    pub for_s: Option<f64>,
+section! {
+    /// `[schedule]`.
+    ScheduleSection, "schedule" {
+        /// Whether a session starts with the daemon.
+        start: bool;
+        /// Period from start to start of frames, s; 0: back to back.
+        every_s: Option<f64>, in EVERY_S;
+        /// Number of frames.
+        count: Option<u64>, in COUNT;
+        /// Duration of the session, s.
+        for_s: Option<f64>, in FOR_S;
+    }
 }
 
-/// `[relay_wear]`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RelayWearSection {
-    /// Rated closures of a relay.
-    pub relay_life_cycles: Option<u64>,
+section! {
+    /// `[relay_wear]`.
+    RelayWearSection, "relay_wear" {
+        /// Rated closures of a relay.
+        relay_life_cycles: Option<u64>, in Within(1.0, 1e15);
+    }
 }
 
 impl Config {

@@ -3,27 +3,33 @@
 use std::net::SocketAddr;
 
 use serde::{Deserialize, Serialize};
+use survey::Bounds::{Above, Within};
+use survey::LONGEST_S;
 
-/// Thresholds of alarms; `tactus status` uses them too.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct NotifySection {
-    /// Days until the disk is full.
-    pub disk_days: f64,
-    /// Used fraction of a relay's life.
-    pub relay_life: f64,
-    /// Age of the baseline, days.
-    pub baseline_days: f64,
-    /// Frame periods without a frame after which the alarm `no-frame` begins, but not before `no_frame_s`.
-    pub no_frame_periods: f64,
-    /// Shortest time without a frame after which the alarm `no-frame` begins, s.
-    pub no_frame_s: f64,
-    /// A program and its arguments, run for each message; empty runs none.
-    pub command: Vec<String>,
-    /// Timeout after which the command is killed, s.
-    pub deadline_s: f64,
-    /// Shortest time between two notifications of the same kind, s.
-    pub again_s: f64,
+use crate::numbers::DAYS;
+use crate::section::section;
+
+section! {
+    /// Thresholds of alarms; `tactus status` uses them too.
+    NotifySection, "notify" {
+        /// Days until the disk is full.
+        disk_days: f64 = 14.0, in DAYS;
+        /// Used fraction of a relay's life.
+        relay_life: f64 = 0.9, in Above(0.0, 1.0);
+        /// Age of the baseline, days.
+        baseline_days: f64 = 30.0, in DAYS;
+        /// Frame periods without a frame after which the alarm `no-frame` begins, but not before `no_frame_s`.
+        // at least one period, because a frame may take that long
+        no_frame_periods: f64 = 5.0, in Within(1.0, 1e6);
+        /// Shortest time without a frame after which the alarm `no-frame` begins, s.
+        no_frame_s: f64 = 10.0, in Above(0.0, LONGEST_S);
+        /// A program and its arguments, run for each message; empty runs none.
+        command: Vec<String>;
+        /// Timeout after which the command is killed, s.
+        deadline_s: f64 = 10.0, in Above(0.0, 600.0);
+        /// Shortest time between two notifications of the same kind, s.
+        again_s: f64 = 3600.0, in Above(0.0, LONGEST_S);
+    }
 }
 
 impl NotifySection {
@@ -56,20 +62,5 @@ impl MetricsSection {
     /// The address to listen on; `None` if metrics are off.
     pub fn address(&self) -> Option<SocketAddr> {
         self.listen.as_ref()?.parse().ok()
-    }
-}
-
-impl Default for NotifySection {
-    fn default() -> Self {
-        Self {
-            disk_days: 14.0,
-            relay_life: 0.9,
-            baseline_days: 30.0,
-            no_frame_periods: 5.0,
-            no_frame_s: 10.0,
-            command: Vec::new(),
-            deadline_s: 10.0,
-            again_s: 3600.0,
-        }
     }
 }

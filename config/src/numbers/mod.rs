@@ -1,27 +1,26 @@
 //! Bounds of every numeric key and of texts, checked before anything is calculated; units are in the keys' names.
 //! Combinations of keys are checked by the daemon's preparation.
 
-use survey::Bounds::{self, Above, Between, OneOf, Within};
+use survey::Bounds::{self, Above, Between, Within};
 use survey::LONGEST_S;
 use toml::de::{DeTable, DeValue};
 
-/// Integration times of the voltmeter, power-line cycles.
-const NPLC: Bounds = OneOf(&[0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0]);
-const WAIT_MS: Bounds = Within(0.0, 60e3);
-const SETTLE_MS: Bounds = WAIT_MS;
-const CHANNEL_DELAY_MS: Bounds = WAIT_MS;
-const AVERAGES: Bounds = Within(1.0, 1000.0);
-const EVERY_S: Bounds = Within(0.0, LONGEST_S);
-const FOR_S: Bounds = Above(0.0, LONGEST_S);
+use crate::{
+    ArchiveSection, MqttSection, NotifySection, RecordSection, RecordingSection, RelayWearSection,
+    ScheduleSection, SurveySection, WiringSection,
+};
+
+pub(crate) const EVERY_S: Bounds = Within(0.0, LONGEST_S);
+pub(crate) const FOR_S: Bounds = Above(0.0, LONGEST_S);
 /// Number of frames of a session.
 pub const COUNT: Bounds = Within(1.0, 1e15);
-const SPEED: Bounds = Within(0.0, 1e6);
+pub(crate) const SPEED: Bounds = Within(0.0, 1e6);
 /// Most electrodes. Their 64,768 readings are more than any switch can scan.
-const ELECTRODES: Bounds = Within(1.0, 256.0);
-const SLOT: Bounds = Within(1.0, 8.0);
+pub(crate) const ELECTRODES: Bounds = Within(1.0, 256.0);
+pub(crate) const SLOT: Bounds = Within(1.0, 8.0);
 const ANSWER_MS: Bounds = Within(1.0, 600e3);
 /// One petabyte: in bytes it still fits into 64 bits.
-const MEGABYTES: Bounds = Within(0.0, 1e9);
+pub(crate) const MEGABYTES: Bounds = Within(0.0, 1e9);
 const LENGTH_MM: Bounds = Within(0.01, 10e3);
 const OHM: Bounds = Within(1e-6, 1e12);
 const EDGES: Bounds = Within(1.0, 64.0);
@@ -29,31 +28,13 @@ const SEEDING: Bounds = Within(0.0, u32::MAX as f64);
 const FINENESS: Bounds = Within(0.25, 8.0);
 const GROWTH: Bounds = Within(0.001, 10.0);
 const LIMIT: Bounds = Within(-1e9, 1e9);
-const DAYS: Bounds = Above(0.0, 36_525.0);
+pub(crate) const DAYS: Bounds = Above(0.0, 36_525.0);
 
-/// Every numeric key of the configuration.
-pub const KEYS: &[(&str, Bounds)] = &[
+/// Numeric keys that are not those of a section of this crate: of instruments, of sheets and reconstructions, of alarms.
+const OTHERS: &[(&str, Bounds)] = &[
     ("source.deadline_ms", ANSWER_MS),
     ("switch.deadline_ms", ANSWER_MS),
     ("voltmeter.deadline_ms", ANSWER_MS),
-    ("recording.frames_per_s", Above(0.0, 1e6)),
-    ("recording.speed", SPEED),
-    ("wiring.slot", SLOT),
-    ("wiring.inject_slot", SLOT),
-    ("wiring.electrodes", ELECTRODES),
-    ("survey.electrodes", ELECTRODES),
-    // the preparation compares them with the limits of source and relays
-    ("survey.current_ua", Above(0.0, 1e6)),
-    ("survey.compliance_v", Above(0.0, 1e3)),
-    ("survey.settle_ms", SETTLE_MS),
-    ("survey.range_v", OneOf(&[0.1, 1.0, 10.0, 100.0, 300.0])),
-    ("survey.nplc", NPLC),
-    ("survey.line_hz", OneOf(&[50.0, 60.0])),
-    ("survey.averages", AVERAGES),
-    ("survey.channel_delay_ms", CHANNEL_DELAY_MS),
-    ("survey.skip", Within(0.0, 254.0)),
-    ("survey.range_margin", Within(1.0, 100.0)),
-    ("survey.zero_every", Within(1.0, 1e9)),
     ("geometry.paper-sheet.width_mm", LENGTH_MM),
     ("geometry.paper-sheet.height_mm", LENGTH_MM),
     (
@@ -109,32 +90,24 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("alarm.below", LIMIT),
     ("alarm.deadband", Within(0.0, 1e9)),
     ("alarm.for_s", Within(0.0, 604_800.0)),
-    // the messages of one frame take some 100 kB of memory
-    ("record.transcripts", Within(0.0, 1000.0)),
-    // no frame is published while frames are gathered
-    ("record.group_ms", Within(0.0, 60e3)),
-    ("record.roll_mb", MEGABYTES),
-    ("record.warn_below_mb", MEGABYTES),
-    ("record.reserve_mb", MEGABYTES),
-    ("record.resume_within_h", Within(0.0, 8766.0)),
-    ("record.resume_per_hour", Within(0.0, 3600.0)),
-    ("schedule.every_s", EVERY_S),
-    ("schedule.count", COUNT),
-    ("schedule.for_s", FOR_S),
-    ("relay_wear.relay_life_cycles", Within(1.0, 1e15)),
-    ("notify.disk_days", DAYS),
-    ("notify.relay_life", Above(0.0, 1.0)),
-    ("notify.baseline_days", DAYS),
-    // at least one period, because a frame may take that long
-    ("notify.no_frame_periods", Within(1.0, 1e6)),
-    ("notify.no_frame_s", Above(0.0, LONGEST_S)),
-    ("notify.deadline_s", Above(0.0, 600.0)),
-    ("notify.again_s", Above(0.0, LONGEST_S)),
-    ("archive.every_s", Within(1.0, 86_400.0)),
-    ("archive.cache_mb", MEGABYTES),
-    ("mqtt.port", Within(1.0, 65_535.0)),
-    ("mqtt.every_s", Within(1.0, 3600.0)),
 ];
+
+/// Every numeric key of the configuration, with its bounds.
+pub fn keys() -> impl Iterator<Item = (&'static str, Bounds)> {
+    let sections = [
+        RecordingSection::BOUNDS,
+        WiringSection::BOUNDS,
+        SurveySection::BOUNDS,
+        OTHERS,
+        RecordSection::BOUNDS,
+        ScheduleSection::BOUNDS,
+        RelayWearSection::BOUNDS,
+        NotifySection::BOUNDS,
+        ArchiveSection::BOUNDS,
+        MqttSection::BOUNDS,
+    ];
+    sections.into_iter().flatten().copied()
+}
 
 /// Longest free text, bytes: a note, or a description of sheet, foam, ink and operator.
 pub const LONGEST_TEXT: usize = 4096;
@@ -187,8 +160,8 @@ fn take_out_below(
 
 /// The bounds of a numeric key.
 pub fn allowed(key: &str) -> Option<Bounds> {
-    let (_, bounds) = KEYS.iter().find(|(known, _)| *known == key)?;
-    Some(*bounds)
+    let (_, bounds) = keys().find(|(known, _)| *known == key)?;
+    Some(bounds)
 }
 
 /// The problem of a free text that is too long.

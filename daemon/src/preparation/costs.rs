@@ -6,6 +6,7 @@ use std::time::Duration;
 use dbus::SettingCost;
 use survey::{Injection, Plan, Protocol, Step, Timing};
 
+use crate::instruments::kinds;
 use crate::instruments::rig_plan::RigPlan;
 
 /// The cost of every setting that differs from the default: shortest integration, one reading, one polarity, one range,
@@ -25,7 +26,7 @@ pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
             costs.push(cost);
         }
     };
-    let (shortest, coarsest) = keysight_34980a::INTEGRATION[0];
+    let (shortest, coarsest) = kinds::INTEGRATION[0];
     let quickest = Timing {
         nplc: shortest,
         ..*timing

@@ -1,6 +1,6 @@
 //! A number at the limit of its range is either accepted or rejected.
 
-use config::numbers::KEYS;
+use config::numbers::keys;
 use survey::Bounds;
 
 /// Prepares a configuration with each number at both limits of its range. Meshes have separate tests.
@@ -12,8 +12,8 @@ fn what_is_within_bounds_never_panics() {
                  [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 8\n";
     let scene = "[disc-tank]\nelectrodes = 8\n";
     std::fs::write(folder.path().join("scene.toml"), scene).unwrap();
-    for (key, bounds) in KEYS.iter().filter(|(key, _)| !key.starts_with("geometry")) {
-        let ends = match *bounds {
+    for (key, bounds) in keys().filter(|(key, _)| !key.starts_with("geometry")) {
+        let ends = match bounds {
             Bounds::Within(low, high) => vec![low, high],
             Bounds::Above(low, high) => vec![low.next_up(), high],
             Bounds::Between(low, high) => vec![low.next_up(), high.next_down()],

@@ -6,12 +6,10 @@ use std::time::Duration;
 
 use keysight_34980a::Module;
 use rig::MeterSettings;
-use survey::{
-    Amps, Injection, Measurement, Plan, PlanError, Protocol, RangeRule, Timing, Volts, WiringError,
-    duration,
-};
+use survey::{Measurement, Plan, PlanError, Protocol, RangeRule, Volts, WiringError, duration};
 
 use crate::instruments::address::InstrumentAddress;
+use crate::instruments::kinds;
 use crate::instruments::rig_plan::{InstrumentAddresses, RigPlan};
 use crate::instruments::simulation::{self, Profile, Scene};
 use crate::preparation::Findings;
@@ -66,23 +64,18 @@ pub(super) fn rig_plan(
         }
         wired.wiring = wired.wiring.chained();
     }
-    let injection = Injection {
-        current: Amps(survey.current_ua * 1e-6),
-        compliance: Volts(survey.compliance_v),
-        settle: duration(survey.settle_ms * 1e-3),
-        reversal: survey.reversal,
-    };
-    let plan = Plan::injecting(protocol, &wired.wiring, injection).map_err(|cause| match cause {
-        PlanError::Wiring(WiringError::Electrodes {
-            wiring,
-            wired,
-            requested,
-        }) => (
-            "wiring.electrodes",
-            format!("wiring '{wiring}' has {wired} electrodes, the survey has {requested}"),
-        ),
-        other => ("survey", chain(&other)),
-    });
+    let plan =
+        Plan::injecting(protocol, &wired.wiring, survey.injection()).map_err(|cause| match cause {
+            PlanError::Wiring(WiringError::Electrodes {
+                wiring,
+                wired,
+                requested,
+            }) => (
+                "wiring.electrodes",
+                format!("wiring '{wiring}' has {wired} electrodes, the survey has {requested}"),
+            ),
+            other => ("survey", chain(&other)),
+        });
     let plan = match plan {
         Ok(plan) => plan,
         Err((key, text)) => {
@@ -90,13 +83,8 @@ pub(super) fn rig_plan(
             return None;
         }
     };
-    let (limits, timing) = (wired.limits, wired.timing(survey.nplc, survey.line_hz));
-    let timing = Timing {
-        autozero: survey.autozero,
-        averages: survey.averages,
-        channel_delay: duration(survey.channel_delay_ms * 1e-3),
-        ..timing
-    };
+    let limits = wired.limits;
+    let timing = survey.timing(wired.timing(survey.nplc, survey.line_hz));
     if let Err(faults) = plan.check(&limits) {
         for fault in faults {
             let key = match fault {
@@ -113,7 +101,7 @@ pub(super) fn rig_plan(
         return None;
     }
     let ranges = (survey.ranges == RangesName::Planned).then(|| RangeRule {
-        available: keysight_34980a::RANGES.map(Volts).to_vec(),
+        available: kinds::RANGES.map(Volts).to_vec(),
         margin: survey.range_margin,
     });
     let plan = match (&ranges, geometry) {
@@ -134,12 +122,9 @@ pub(super) fn rig_plan(
         limits,
         timing,
         meter: MeterSettings {
-            resolution: keysight_34980a::resolution(survey.nplc),
-            autozero: survey.autozero,
-            averages: survey.averages,
-            channel_delay: timing.channel_delay,
+            resolution: kinds::resolution(survey.nplc),
             deadline: Some(deadline_of_scan),
-            ..MeterSettings::new(Volts(survey.range_v), survey.nplc)
+            ..MeterSettings::timed(Volts(survey.range_v), &timing)
         },
         ranges,
         zero_every: survey.zero_every,

@@ -4,7 +4,7 @@ use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
 
-use survey::{Amps, Reading, Relay, Volts};
+use survey::{Amps, Reading, Relay, Timing, Volts};
 use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use crate::RigError;
@@ -145,6 +145,16 @@ impl MeterSettings {
             averages: 1,
             channel_delay: Duration::ZERO,
             deadline: None,
+        }
+    }
+
+    /// Settings with the integration time, averaging, autozero and delay of this timing; resolution unknown.
+    pub const fn timed(range: Volts, timing: &Timing) -> Self {
+        Self {
+            autozero: timing.autozero,
+            averages: timing.averages,
+            channel_delay: timing.channel_delay,
+            ..Self::new(range, timing.nplc)
         }
     }
 }

@@ -64,7 +64,7 @@ fn close(page: &mut String, pending: &mut Vec<&str>, open: Option<&str>, default
 /// A row per numeric key of a table; nothing for a table without numbers.
 fn numbers(table: &str, defaults: &toml::Table) -> String {
     let mut rows = String::new();
-    for (key, bounds) in config::numbers::KEYS {
+    for (key, bounds) in config::numbers::keys() {
         let (section, name) = key.rsplit_once('.').expect("every key belongs to a table");
         if section == table {
             let default = default_of(key, defaults).unwrap_or_else(|| "-".to_owned());

@@ -24,6 +24,9 @@ pub(crate) use crate::instruments::kinds::connection::{ConnectError, Connector};
 use crate::instruments::kinds::multiplexer::Multiplexer;
 use crate::instruments::rig_plan::RigPlan;
 
+// Ranges and integration times of the voltmeter. Other modules take them from here, so that they name no model.
+pub(crate) use keysight_34980a::{INTEGRATION, RANGES, range_for, resolution};
+
 /// A board restarts when its port is opened; it sends a message when it is ready.
 const RESTART_TIMEOUT: Duration = Duration::from_secs(2);
 

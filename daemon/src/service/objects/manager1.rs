@@ -33,10 +33,8 @@ impl Manager1 {
     /// of frames; 0: back to back), `count` (t, number of frames), `for_s` (d, duration), `baseline` (s, id; default:
     /// the current one), `model` (s, absolute path, or `one-step`), `speed` (d, for recordings: 1 is the recorded rate,
     /// 0 as fast as possible), `step` (b, a frame is taken only on a call of Session1.Step), `note` (s). Measuring
-    /// options, by default as configured: `nplc` (d), `averages` (t), `autozero` (b), `settle_ms` (d),
-    /// `channel_delay_ms` (d), `reversal` (b), `zero_every` (t, 0: never), `ranges` (s, `fixed` or `planned`), `skip`
-    /// (t, electrodes between those of a pair), `half` (b, only one of two reciprocal readings). The baseline must have
-    /// been measured with the same settings.
+    /// options, by default as configured, have the names and ranges of the keys of `[survey]` in the configuration; the
+    /// error for an unknown option lists them. The baseline must have been measured with the same settings.
     #[zbus(out_args("session"))]
     async fn start_session(
         &self,

@@ -15,6 +15,7 @@ use crate::events::event::BusEvent;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::assembly::SourceState;
 use crate::instruments::discovery::{Search, discover};
+use crate::instruments::kinds;
 use crate::instruments::relay_wear::{Wear, wear};
 use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::Controller;
@@ -237,7 +238,7 @@ impl Controller {
             let request = Request {
                 plan: &tested,
                 meter: plan.meter,
-                wide: keysight_34980a::range_for(plan.plan.compliance),
+                wide: kinds::range_for(plan.plan.compliance),
                 meter_relays: Vec::new(),
                 settle: rig::settings(&plan.plan, plan.meter).settle,
                 stop,
