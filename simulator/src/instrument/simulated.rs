@@ -4,9 +4,10 @@ use std::fmt;
 use std::time::Duration;
 
 use gpio_mux::Poles;
-use keithley_6221::{Load, Simulator6221};
+use keithley_6221::Load;
 use keysight_34980a::Wires;
 use scpi::{ErrorEntry, ParseError, Response};
+use survey::Amps;
 
 use crate::instrument::fault::Fault;
 
@@ -35,6 +36,35 @@ impl From<Response> for Reply {
             later: false,
         }
     }
+}
+
+/// What the rig's status shows of its current source.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct SourceState {
+    /// Whether the output is on.
+    pub(crate) output: bool,
+    /// The requested level.
+    pub(crate) level: Amps,
+    /// Full scale of the range.
+    pub(crate) range: Amps,
+    /// Whether the voltage limit reduces the current.
+    pub(crate) in_compliance: bool,
+    /// Pulses sent on each line of the trigger link since power on.
+    pub(crate) pulses: [u64; 6],
+}
+
+/// A current source, as the circuit and the rig's status see it.
+pub(crate) trait CurrentSource {
+    fn state(&self) -> SourceState;
+
+    /// Mean current between two instants.
+    fn mean_current(&self, from: Duration, to: Duration, load: &mut dyn Load) -> Amps;
+
+    /// R.m.s. and frequency in Hz of the alternating current, if there is one.
+    fn alternating(&self, load: &mut dyn Load) -> Option<(Amps, f64)>;
+
+    /// The terminator of a line on its serial port.
+    fn serial_terminator(&self) -> &'static str;
 }
 
 /// An instrument of the simulated rig. It receives and sends text; times are those of its own clock, since power on.
@@ -86,7 +116,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
     fn load_changed(&mut self, _at: Duration, _load: &mut dyn Load) {}
 
     /// The instrument as a current source, if it is one.
-    fn current_source(&self) -> Option<&Simulator6221> {
+    fn current_source(&self) -> Option<&dyn CurrentSource> {
         None
     }
 

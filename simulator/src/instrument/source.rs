@@ -9,7 +9,9 @@ use survey::Amps;
 
 use crate::instrument::fault::Fault;
 use crate::instrument::section::{OutOfRange, Section, check_command_ms, milliseconds, settings};
-use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
+use crate::instrument::simulated::{
+    CurrentSource, ExternalCircuit, Reply, SimulatedInstrument, SourceState,
+};
 use crate::instrument::{Kind, Port};
 
 /// Its row of the table of instruments.
@@ -126,6 +128,30 @@ impl SimulatedSource {
     }
 }
 
+impl CurrentSource for Simulator6221 {
+    fn state(&self) -> SourceState {
+        SourceState {
+            output: self.output(),
+            level: self.level(),
+            range: self.range(),
+            in_compliance: self.in_compliance(),
+            pulses: self.pulses(),
+        }
+    }
+
+    fn mean_current(&self, from: Duration, to: Duration, load: &mut dyn Load) -> Amps {
+        self.mean_current(from, to, load)
+    }
+
+    fn alternating(&self, load: &mut dyn Load) -> Option<(Amps, f64)> {
+        self.alternating(load)
+    }
+
+    fn serial_terminator(&self) -> &'static str {
+        self.serial_terminator()
+    }
+}
+
 impl SimulatedInstrument for SimulatedSource {
     fn receive(
         &mut self,
@@ -150,7 +176,7 @@ impl SimulatedInstrument for SimulatedSource {
         self.simulator.load_changed(at, load);
     }
 
-    fn current_source(&self) -> Option<&Simulator6221> {
+    fn current_source(&self) -> Option<&dyn CurrentSource> {
         Some(&self.simulator)
     }
 

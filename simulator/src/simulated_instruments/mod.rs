@@ -9,7 +9,7 @@ use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use gpio_mux::Poles;
-use keithley_6221::{Load, Simulator6221};
+use keithley_6221::Load;
 use keysight_34980a::{Alternating, MeterRequest, Wires};
 use phantom::Phantom;
 use rig::transcript::TranscriptWriter;
@@ -19,7 +19,9 @@ use tokio::time::Instant;
 use crate::circuit::sheet::{ReadingRequest, Sheet};
 use crate::circuit::terminals::Fixture;
 use crate::instrument::fault::TimedFault;
-use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
+use crate::instrument::simulated::{
+    CurrentSource, ExternalCircuit, Reply, SimulatedInstrument,
+};
 use crate::instrument::{Instrument, Pace, Profile};
 
 /// The instruments of one rig, connected to one sheet.
@@ -192,7 +194,7 @@ impl SimulatedInstruments {
     }
 
     /// The current source.
-    pub(crate) fn source(&self) -> &Simulator6221 {
+    pub(crate) fn source(&self) -> &dyn CurrentSource {
         let source = self.place(Instrument::Source).instrument.current_source();
         source.expect("the instrument in the source's role is a source")
     }

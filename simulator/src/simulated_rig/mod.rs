@@ -27,7 +27,9 @@ pub enum RigError {
     #[error("the simulated sheet cannot be made")]
     Sheet(#[from] PhantomError),
     /// The profile's board supports fewer electrodes.
-    #[error("the scene has {electrodes} electrodes, {what} has room for {most}")]
+    #[error(
+        "the scene has {electrodes} electrodes, {what} connects at most {most}; choose another scene or profile"
+    )]
     Electrodes {
         /// Electrodes of the scene.
         electrodes: usize,
@@ -200,8 +202,8 @@ impl SimulatedRig {
 
     /// Whether the source's output is on, and the level it is set to.
     pub fn source_output(&self) -> (bool, Amps) {
-        let instruments = self.instruments();
-        (instruments.source().output(), instruments.source().level())
+        let source = self.instruments().source().state();
+        (source.output, source.level)
     }
 
     /// The mainframe's relays that are actually closed.
@@ -260,16 +262,17 @@ impl SimulatedRig {
             })
             .collect();
         let instruments = self.instruments_now();
+        let source = instruments.source().state();
         Status {
             at_s: instruments.now().as_secs_f64(),
             clients,
             source: SourceStatus {
-                output: instruments.source().output(),
-                level_a: instruments.source().level().0,
+                output: source.output,
+                level_a: source.level.0,
                 flowing_a: instruments.sheet.flowing().0,
-                range_a: instruments.source().range().0,
-                in_compliance: instruments.source().in_compliance(),
-                pulses: instruments.source().pulses(),
+                range_a: source.range.0,
+                in_compliance: source.in_compliance,
+                pulses: source.pulses,
             },
             closed: instruments
                 .sheet
