@@ -1,9 +1,9 @@
 //! Login and certificates of the broker: errors name the fault and the remedy, and uploads continue.
 
 use crate::authority::{authority, issue};
-use crate::daemon::{Daemon, report};
-use crate::mosquitto::Mosquitto;
-use crate::publisher::{Publisher, machine, mqtt};
+use crate::live::daemon::{Daemon, report};
+use crate::live::mosquitto::Mosquitto;
+use crate::live::publisher::{Publisher, machine, mqtt};
 
 fn write_private(path: &std::path::Path, text: &str) {
     use std::os::unix::fs::PermissionsExt;

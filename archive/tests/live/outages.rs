@@ -3,9 +3,9 @@
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::daemon::{Daemon, report};
-use crate::mosquitto::{Mosquitto, signal_to};
-use crate::publisher::{Publisher, machine, mqtt};
+use crate::live::daemon::{Daemon, report};
+use crate::live::mosquitto::{Mosquitto, signal_to};
+use crate::live::publisher::{Publisher, machine, mqtt};
 use crate::server::{DATABASE, Server};
 use crate::site::Site;
 
@@ -30,7 +30,7 @@ fn broker_that_comes_back_gets_the_newest_only() {
     // each report replaces the previous one
     for count in 2..=6 {
         let before = daemon.requests();
-        daemon.change(|report| *report = crate::daemon::report(count));
+        daemon.change(|report| *report = crate::live::daemon::report(count));
         daemon.wait_until_requested(before + 2);
     }
     // the publisher pauses until a client has subscribed, so that no message is missed
@@ -75,7 +75,7 @@ fn frozen_broker_delays_no_upload() {
     for count in 1..=10 {
         site.record_session(&format!("m{count}"), 1);
         let asked = daemon.requests();
-        daemon.change(|report| *report = crate::daemon::report(1 + count));
+        daemon.change(|report| *report = crate::live::daemon::report(1 + count));
         daemon.wait_until_requested(asked + 2);
     }
     // uploads do not wait for the broker

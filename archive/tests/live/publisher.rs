@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 
 use tempfile::TempDir;
 
-use crate::mosquitto::Mosquitto;
+use crate::live::mosquitto::Mosquitto;
 
 /// A catalogue that cannot be reached: live topics do not need it.
 pub const NO_CATALOGUE: &str = "host=127.0.0.1 port=1 dbname=tactus user=berlin";

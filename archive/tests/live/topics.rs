@@ -5,9 +5,9 @@ use std::path::Path;
 use dbus::json::{Alarm, Status};
 use serde_json::{Value, json};
 
-use crate::daemon::{Daemon, report};
-use crate::mosquitto::Mosquitto;
-use crate::publisher::{Publisher, machine, mqtt};
+use crate::live::daemon::{Daemon, report};
+use crate::live::mosquitto::Mosquitto;
+use crate::live::publisher::{Publisher, machine, mqtt};
 
 const STATUS: &str = "tactus/1/berlin/bed3/status";
 

@@ -1,4 +1,6 @@
-//! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals.
+//! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals; and live topics at a real broker.
+//!
+//! Live topics have no executable of their own: their tests wait most of the time.
 
 #[path = "../servers/authority.rs"]
 mod authority;
@@ -8,6 +10,8 @@ mod faults;
 mod frames;
 mod kills;
 mod links;
+#[path = "../live/mod.rs"]
+mod live;
 mod objects;
 mod proxy;
 mod pushes;

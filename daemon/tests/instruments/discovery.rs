@@ -2,9 +2,9 @@
 //! lxi-discovery, section 8).
 //!
 //! Each test runs itself again in a separate network namespace, where nothing else is announced and the port mapper's
-//! port is free; if no namespace is available, the test reports that and passes. `simulator/tests/clients/main.rs`
-//! tests a host shared with avahi and python-zeroconf, and lxi-tools; a story tests that a running daemon uses nothing
-//! that was discovered.
+//! port is free; if no namespace is available, the test reports that and passes.
+//! `simulator/tests/served_rig/clients.rs` tests a host shared with avahi and python-zeroconf, and lxi-tools; a story
+//! tests that a running daemon uses nothing that was discovered.
 
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};

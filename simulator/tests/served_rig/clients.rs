@@ -3,17 +3,13 @@
 //! They are fetched and run only on request: pyvisa-py with TACTUS_REQUIRE_PYVISA=1, all clients with
 //! TACTUS_REQUIRE_CLIENTS=1; a client that cannot be fetched then fails the test.
 
-#[allow(dead_code)]
-#[path = "../served_rig/program.rs"]
-mod program;
-
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use program::Served;
+use crate::program::Served;
 
 const PYVISA: (&str, &[&str]) = ("pyvisa", &["pyvisa-py==0.8.1", "pyvisa==1.16.2"]);
 const ZEROCONF: (&str, &[&str]) = ("zeroconf", &["zeroconf==0.154.0"]);
