@@ -60,7 +60,7 @@ options! {
         baseline: String,
         /// Absolute path of a model file, or `one-step`; by default the configured one.
         model: String,
-        /// Speed of a recording: 1 its own rate, 10 ten times faster, 0 as fast as possible.
+        /// Speed of a recording: 1 the recorded rate, 10 ten times faster, 0 as fast as possible.
         speed: f64,
         /// Take frames only when `Session1.Step` is called.
         step: bool,

@@ -252,7 +252,9 @@ impl Prepared {
             None => Geometry::from_preset(&sheet)
                 .map_err(|fault| Failure::because(survey::error_chain(&fault)))?
                 .case(CURRENT)
-                .map_err(|fault| Failure::of("no protocol for this ring", &fault))?,
+                .map_err(|fault| {
+                    Failure::of("no protocol for this number of electrodes", &fault)
+                })?,
         };
         let mut scene = Scene {
             seed: options.sheet_seed.unwrap_or(options.seed),

@@ -158,8 +158,8 @@ pub(crate) fn floating() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(format!(
-        "the naive form is a conductance of 1e-8 to ground everywhere; no ground at all leaves a last pivot of rounding, \
-         which V survived here to {:.0e}",
+        "the naive form has a conductance of 1e-8 from each node to ground; without any ground the last pivot is a \
+         rounding error, and the error of V was {:.0e} here",
         apart(&textbook(Ground::Nothing), &ours)
     )))
 }
@@ -186,7 +186,7 @@ pub(crate) fn units() -> Result<Outcome, Failure> {
         ours,
         1e-12,
     )])
-    .noted("the naive form iterates until nothing moves by more than 1e-9 V"))
+    .noted("the naive form iterates until no voltage changes by more than 1e-9 V"))
 }
 
 /// One electrode in the middle of each side of the paper's sheet, on its edge.

@@ -108,13 +108,13 @@ pub(crate) fn insulator() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "V against extended precision",
-            naive(single, "f32 gives out"),
+            naive(single, "not finite in f32"),
             rounding,
             1e-12,
         ),
     ])
     .noted(
-        "the condition is nothing to fear in f64: what breaks is a floor of 1e-3 put there for fear of it, and f32",
+        "f64 bears this condition number; the errors come from a floor of 1e-3, which is meant to avoid it, and from f32",
     ))
 }
 
@@ -149,7 +149,7 @@ pub(crate) fn metal() -> Result<Outcome, Failure> {
     Ok(Outcome::of([
         Check::at_most(
             "(V - merged nodes - 1e-9) times contrast, 1e2 to 1e8",
-            naive(steep, "f32 gives out"),
+            naive(steep, "not finite in f32"),
             slope,
             2.0,
         ),
@@ -161,7 +161,7 @@ pub(crate) fn metal() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "V against extended precision",
-            naive(single, "f32 gives out"),
+            naive(single, "not finite in f32"),
             rounding,
             1e-12,
         ),
@@ -198,10 +198,10 @@ pub(crate) fn single_precision() -> Result<Outcome, Failure> {
     let (blind, _) = refine(&tank, &sigma, false);
     let (fallen_back, _) = refine(&tank, &sigma, true);
     Ok(Outcome::of([
-        Check::at_most("V in f64, refined", naive(alone, "f32 gives out"), ours, 1e-12),
+        Check::at_most("V in f64, refined", naive(alone, "not finite in f32"), ours, 1e-12),
         Check::at_most(
             "V of an f32 factor, refined in f64",
-            naive(alone, "f32 gives out"),
+            naive(alone, "not finite in f32"),
             refined,
             1e-12,
         ),
@@ -219,8 +219,7 @@ pub(crate) fn single_precision() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "no program of ours factors in f32; its refinement is tried here so that whoever wants it knows where it ends. The \
-         textbook's f64 matrix is what it falls back to, which loses digits at 1e10 that ours keeps",
+        "no program of the project factors in f32; this measures up to which contrast a refined f32 solution would be usable. Above it the naive form uses the textbook's f64 matrix, which loses digits at 1e10 that ours keeps",
     ))
 }
 

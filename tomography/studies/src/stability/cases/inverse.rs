@@ -219,8 +219,7 @@ pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
             0.0,
         ),
     ])
-    .noted("a map of zeros is what the largest lambda gives whoever computes it; ours says so among its assumptions. Naive: the explicit \
-         inverse in f32, which has some inverse; the number of singular values above lambda, which never rises with lambda"))
+    .noted("the largest lambda gives a map of zeros in every form; ours states this among its assumptions. Naive: the explicit inverse in f32, which returns an inverse without an error; the number of singular values above lambda, which never rises with lambda"))
 }
 
 /// 16: the exact absolute value, without smoothing.
@@ -283,8 +282,7 @@ pub(crate) fn total_variation() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "ours has no beta: the absolute value is exact and the gap is stated, which stands for beta 1e-3 against 1e-6. Naive: \
-         lagged diffusivity with beta 0, and with beta 0.1",
+        "ours has no beta: the absolute value is exact, and gaps of 1e-3 and 1e-6 are compared in place of two betas. Naive: lagged diffusivity with beta 0, and with beta 0.1",
     ))
 }
 
@@ -400,13 +398,13 @@ pub(crate) fn unequal_triangles() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
                         "border of the disc on triangles over its perimeter",
-            Naive::Absent("of the mesh, not of a form".into()),
+            Naive::Absent("a property of the mesh".into()),
             high,
             1.41,
         ),
     ])
     .noted(format!(
-        "naive: jumps are counted, not weighed by the length of the border. A disc's border on triangles is {low:.2} to {high:.2} \
+        "naive: jumps are counted, not weighted by the length of the border. A disc's border on triangles is {low:.2} to {high:.2} \
          times its perimeter"
     )))
 }
@@ -523,7 +521,6 @@ pub(crate) fn long_step() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "the bound asked is above 0; it is 0 that holds: a load may take everything, and the forward model floors what has \
-         nothing (case 1). No step is cut short: the bounded problem itself is solved, so there is no objective that could rise",
+        "a bound above 0 is asked; 0 holds: a load may take all conductance, and the forward model has a floor for triangles without conductance (case 1). No step is shortened: the bounded problem itself is solved, so no objective can rise",
     ))
 }

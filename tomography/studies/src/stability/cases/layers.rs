@@ -149,7 +149,7 @@ pub(crate) fn scales() -> Result<Outcome, Failure> {
         ours / largest,
         1e-6,
     )])
-    .noted("ours takes the mean away first and is not folded; naive: mean and gain folded into weights and bias in f32"))
+    .noted("ours subtracts the mean first; naive: mean and gain are merged into weights and bias in f32"))
 }
 
 /// 27: ELU for very large arguments of both signs.
@@ -187,12 +187,12 @@ pub(crate) fn saturation() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "|slope at 0, less 1|",
-            Naive::Absent("no form that was tried has another slope".into()),
+            Naive::Absent("all forms that were tried have the same slope".into()),
             (slope - 1.0).abs(),
             0.0,
         ),
     ])
-    .noted("the slope at 0 breaks in no form that was tried"))
+    .noted("the slope at 0 is right in all forms that were tried"))
 }
 
 /// Weights of one layer after plain gradient descent through the set.
@@ -362,9 +362,7 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "1e-2 and 0.2 mm are asked of int8 too: one byte a weight has steps of 1/127 of its row's largest, whose rounding adds up to \
-         some 2 % over 96 neurons and moves places in a tank of 300 mm by up to half a millimetre. Naive: one scale a layer, cut \
-         and not rounded",
+        "1e-2 and 0.2 mm are asked of int8 too: one byte per weight has steps of 1/127 of its row's largest, whose rounding adds up to some 2 % over 96 neurons and moves places in a tank of 300 mm by up to half a millimetre. Naive: one scale per layer, truncated in place of rounded",
     ))
 }
 

@@ -146,7 +146,7 @@ pub(crate) fn hot_spots() -> Result<Outcome, Failure> {
             0.0,
         ),
     ])
-    .noted("naive: each triangle above the threshold that no neighbour exceeds"))
+    .noted("naive: each triangle above the threshold that has no larger neighbour"))
 }
 
 /// 37: the dose of 0.1 for 90 days at 1 Hz; and a gap of two hours in the frames of a constant load.

@@ -60,7 +60,7 @@ pub(crate) fn sliver() -> Result<Outcome, Failure> {
     Ok(Outcome::of([
         Check::at_most(
             "change of V by one sliver of 0.01 degrees",
-            naive(single, "f32 gives out"),
+            naive(single, "not finite in f32"),
             ours,
             1e-7,
         ),
@@ -83,7 +83,7 @@ pub(crate) fn sliver() -> Result<Outcome, Failure> {
             0.0,
         ),
     ])
-    .noted("a node within a triangle of one conductance changes nothing in exact arithmetic: all of it is rounding. Naive: f32; a one-sided difference with a step of 1e-8; the law of cosines in f32; |area|, which hides the inversion"))
+    .noted("a node inside a triangle of one conductance changes nothing in exact arithmetic: every change is rounding. Naive: f32; a one-sided difference with a step of 1e-8; the law of cosines in f32; |area|, which hides the inversion"))
 }
 
 /// Cosine of a triangle's angle at its corner `k`, by the law of cosines in f32.
@@ -183,7 +183,7 @@ pub(crate) fn mesh_error() -> Result<Outcome, Failure> {
             1e-4,
         ),
     ])
-    .noted("naive: another mesh for the loaded sheet; and below it, the error of V itself, for which fine meshes are made"))
+    .noted("naive: another mesh for the loaded sheet; and, in the line below, the error of V itself, which fine meshes reduce"))
 }
 
 /// 13: the sensitivity compared with finite differences.
@@ -241,5 +241,5 @@ pub(crate) fn sensitivity() -> Result<Outcome, Failure> {
             1e-10,
         ),
     ])
-    .noted("naive: a one-sided difference with a step of 1e-3; and a sign that slipped in dV/dz"))
+    .noted("naive: a one-sided difference with a step of 1e-3; and a wrong sign in dV/dz"))
 }

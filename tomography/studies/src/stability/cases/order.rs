@@ -113,8 +113,8 @@ pub(crate) fn polygons() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(format!(
-        "{:.1} % of the draws are empty samples, which are kept; even-odd rule where sides cross. Naive: left of every side, \
-         counted over polygons of 0, 1 and 2 corners that hold a point far outside",
+        "{:.1} % of the draws are empty samples, which are kept; even-odd rule where sides cross. Naive: left of every side; \
+         counted are polygons of 0, 1 and 2 corners that then contain a point far outside",
         100.0 * empty as f64 / DRAWS as f64
     )))
 }

@@ -205,8 +205,7 @@ pub(crate) fn duplicates() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "copies of one sample alone have no spread (Eq. 13 gives 0): that is refused by name. Naive: Lloyd's rounds that divide \
-         by the size of an empty cluster",
+        "copies of one sample have no spread (Eq. 13 gives 0): an error names this. Naive: Lloyd's iterations that divide by the size of an empty cluster",
     ))
 }
 
@@ -258,19 +257,19 @@ pub(crate) fn heavy_tails() -> Result<Outcome, Failure> {
     Ok(Outcome::of([
         Check::at_least(
             "b over the median distance, two samples of 200 far out",
-            Naive::Absent("Eq. 13 gives b and nothing to compare it with".into()),
+            Naive::Absent("Eq. 13 gives b without a value to compare it with".into()),
             ruled,
             SPREAD_RULED,
         ),
         Check::at_most(
             "the same without them",
-            Naive::Absent("Eq. 13 gives b and nothing to compare it with".into()),
+            Naive::Absent("Eq. 13 gives b without a value to compare it with".into()),
             light,
             SPREAD_RULED,
         ),
     ])
     .noted(format!(
-        "Eq. 13 is kept as it is; above {SPREAD_RULED} `tactus-lab train rbf` says that a few cases rule the spread"
+        "Eq. 13 is used unchanged; above {SPREAD_RULED} `tactus-lab train rbf` warns that a few cases determine the spread"
     )))
 }
 
@@ -330,7 +329,7 @@ pub(crate) fn near_duplicates() -> Result<Outcome, Failure> {
         ours,
         0.0,
     )])
-    .noted("naive: |a|^2 - 2ab + |b|^2 in f32 of samples an ulp apart, counted where it is negative or 0 for two that differ"))
+    .noted("naive: |a|^2 - 2ab + |b|^2 in f32 of samples that differ by one ulp; counted are those where it is negative or 0"))
 }
 
 /// 24: an input far from every neuron.

@@ -129,7 +129,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "maps whose count of masked readings is wrong",
-            Naive::Absent("what takes 9.9e37 for a voltage masks nothing".into()),
+            Naive::Absent("a form that takes 9.9e37 for a voltage masks nothing".into()),
             miscounted as f64,
             0.0,
         ),
@@ -140,7 +140,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
             0.0,
         ),
     ])
-    .noted("naive: 9.9e37 is a number like any other; no change where readings are missing"))
+    .noted("naive: 9.9e37 is taken for a voltage; missing readings count as unchanged"))
 }
 
 /// 32: a baseline reading of nearly zero.
@@ -180,7 +180,7 @@ pub(crate) fn tiny_baseline() -> Result<Outcome, Failure> {
             3.0,
         ),
     ])
-    .noted("nothing of ours divides by a reading's own baseline: Eq. 6 divides by the largest, the linear methods by one factor a distance"))
+    .noted("no method of ours divides by a reading's own baseline: Eq. 6 divides by the largest, the linear methods by one factor for each distance of pairs"))
 }
 
 /// 33: a reversed pair of leads.
@@ -288,8 +288,6 @@ pub(crate) fn one_spike() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "1 % is asked; 2 % is written, because the map without that one reading, and with no spike at all, changes by up to 1.0 % \
-         already. A reading that contradicts its reciprocal twin is masked; a protocol without twins has no such guard, and a \
-         network's own divisor stays the paper's largest reading, of what is not masked. Naive: divide by the largest reading; a limit at the largest reading of the baseline",
+        "1 % is asked; the bound is 2 %, because leaving out that reading alone, without a spike, changes the map by up to 1.0 %. A reading that contradicts its reciprocal twin is masked; a protocol without twins has no such check, and the divisor of a network stays the largest reading that is not masked, as in the paper. Naive: divide by the largest reading; a limit at the largest reading of the baseline",
     ))
 }

@@ -127,7 +127,7 @@ pub(crate) fn open_electrode() -> Result<Outcome, Failure> {
     Ok(Outcome::of([
         Check::at_most(
             "frames until the open electrode, and no other, is left out",
-            Naive::Absent("the naive map leaves nothing out".into()),
+            Naive::Absent("the naive map omits no reading".into()),
             named,
             1.0,
         ),
@@ -145,12 +145,14 @@ pub(crate) fn open_electrode() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "mean error elsewhere over that with all electrodes",
-            Naive::Absent("the naive map has no place elsewhere".into()),
+            Naive::Absent("the naive map has one place only".into()),
             mean(&open.elsewhere) / mean(&healthy.elsewhere),
             2.0,
         ),
     ])
-    .noted("Readings of the electrode are marginalised, its ring is not planned again."))
+    .noted(
+        "The readings of the electrode are marginalised; the pairs of the ring stay as planned.",
+    ))
 }
 
 /// Seeds of the sheets of case 39, which differ in contacts and noise.
@@ -270,7 +272,6 @@ pub(crate) fn loaded_baseline() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "A load that takes less than 10 % of the fitted conductance, or that lies on a sheet as uneven as itself, does not \
-         show in a first baseline; `tactus baseline record` says so.",
+        "A load that takes less than 10 % of the fitted conductance, or less than the unevenness of the sheet, is not found in a first baseline; `tactus baseline record` states this.",
     ))
 }

@@ -193,13 +193,13 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         shows: format!(
             "A {DISC_MM} mm press that takes half the conductance, found by one-step (mean over four places, bars over {} draws of \
              the noise), against what a frame takes by the instruments' own clock: integration, averages, half or whole frame, \
-             pattern, module, number of electrodes and current, every reading on the range that the baseline calls for; the table \
-             has the bound that no unbiased method beats.",
+             pattern, module, number of electrodes and current, every reading on the range that fits its baseline; the table \
+             has the lower bound of any unbiased method.",
             Effort::SEEDS
         ),
-        not_proved: "Noise is the voltmeter's table value and nothing else (no thermal voltages, drift or mains, which `scene \
-                     explain` tells of), the method is one of many, and neither settling nor the messages to the instruments are in the \
-                     time: one an injection, 2 to 5 ms each on a real one, which a fast frame feels."
+        not_proved: "Noise is the voltmeter's table value and nothing else (no thermal voltages, drift or mains; `scene \
+                     explain` names their sizes), the method is one of many, and neither settling nor the messages to the instruments \
+                     are in the time: one per injection, 2 to 5 ms each on a real instrument, a large part of a fast frame."
             .to_owned(),
         not_built: Vec::new(),
         costs: true,

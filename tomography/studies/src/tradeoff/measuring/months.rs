@@ -70,7 +70,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
                 the conductance (mean; bars: standard deviation), with a load every night: one-step with the baseline of day 0 (no \
                 tracking); gain and contacts projected out of one frame; the sizes of the drift found in one frame (evidence); the \
                 tracked baseline, which follows a frame an hour. A press that is not seen counts as 157 mm. `hold-out`, `contacts` \
-                and `spray` drift in ways and at paces that no method was told, for twenty days."
+                and `spray` drift by laws and rates that no method knows, for twenty days."
             .to_owned(),
         not_proved: "Simulated drift, not a measured sheet's. The zeros of projection and evidence are those of a map that shrinks \
                      towards zero, and compare with each other alone; those of the other two are the product's own maps, \
