@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::cmp::Ordering;
 use std::path::Path;
 
+use chrono::{DateTime, Utc};
 use imaging::recorded::{RecordedError, RecordedFrame, Recording, TableOptions};
 use logbook::LogbookError;
 
@@ -95,19 +96,36 @@ pub(crate) fn frames<'a>(
             ));
         }
     }
-    let lies = move |frame: &RecordedFrame, place: Option<Moment>, excluded: Ordering| {
-        place.and_then(|place| place.compare(frame.sequence, frame.wall, first)) != Some(excluded)
+    let lies = move |(number, wall): (u64, Option<DateTime<Utc>>),
+                     place: Option<Moment>,
+                     excluded: Ordering| {
+        place.and_then(|place| place.compare(number, wall, first)) != Some(excluded)
     };
-    let chosen = move |frame: &RecordedFrame| {
-        lies(frame, source.from, Ordering::Less) && lies(frame, source.to, Ordering::Greater)
+    let is_between = move |number: u64, wall: Option<DateTime<Utc>>| {
+        lies((number, wall), source.from, Ordering::Less)
+            && lies((number, wall), source.to, Ordering::Greater)
     };
+    let chosen = move |frame: &RecordedFrame| is_between(frame.sequence, frame.wall);
     let mut within = readable().filter(|frame| chosen(frame));
-    // numbers ascend; times need not, because a clock may be set back, so the last one is searched
+    // numbers ascend; times need not, because a clock may be set back, so the last one is searched from the end, by
+    // times alone; all frames are read only if the times of a damaged part cannot be
+    let search = || -> Result<Option<RecordedFrame>, LogbookError> {
+        for time in recording.wall_times_back() {
+            let (number, wall) = time?;
+            if is_between(number, Some(wall))
+                && let Ok(frame) = recording.frame(number)
+                && chosen(&frame)
+            {
+                return Ok(Some(frame));
+            }
+        }
+        Ok(None)
+    };
     let last = match source.to {
         None => within.next().map(|_| u64::MAX),
         Some(Moment::Frame(number)) => within.next().map(|_| number),
         // the times of unreadable frames up to the next readable one are not known
-        Some(_) => within.last().map(|frame| {
+        Some(_) => search().unwrap_or_else(|_| within.last()).map(|frame| {
             let mut behind = recording.frames_from(frame.sequence.saturating_add(1));
             let next = behind.find_map(Result::ok);
             next.map_or(u64::MAX, |next| next.sequence - 1)
@@ -218,6 +236,107 @@ impl From<RecordedError> for Failure {
             | RecordedError::Provenance { .. }
             | RecordedError::Missing { .. }
             | RecordedError::Baseline { .. } => Self::Failed(crate::failure::chain(&error)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+    use std::time::Duration;
+
+    use imaging::recorded::BaselineRule;
+    use logbook::{SessionHeader, SessionWriter};
+    use survey::{Amps, Frame, Precautions, Protocol, Reading, Settings, Volts};
+
+    use super::*;
+
+    /// Records a session of this number of frames, one a second. The clock was set back by 100 s before frame 200.
+    fn recorded(folder: &Path, frames: u64) -> PathBuf {
+        let protocol = Protocol::sheffield(16).unwrap();
+        let at = DateTime::UNIX_EPOCH;
+        let header = SessionHeader::new("m1", at, protocol.clone());
+        let mut writer = SessionWriter::create(folder, &header).unwrap();
+        let volts = |number: u64, reading: usize| {
+            let bits = (number * 512 + reading as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            Reading::Ok(Volts(bits as f64 / u64::MAX as f64))
+        };
+        let readings = 0..protocol.len();
+        let all: Vec<Frame> = (1..=frames)
+            .map(|number| Frame {
+                sequence: number,
+                readings: readings
+                    .clone()
+                    .map(|reading| volts(number, reading))
+                    .collect(),
+                monotonic: Duration::from_secs(number),
+                wall: at + Duration::from_secs(number + if number < 200 { 1000 } else { 900 }),
+                duration: Duration::from_millis(500),
+                settings: Settings {
+                    protocol_hash: protocol.hash(),
+                    current: Amps(1.0),
+                    range: Volts(10.0),
+                    nplc: 1.0,
+                    settle: Duration::ZERO,
+                    wiring: "wiring".to_owned(),
+                    precautions: Precautions::default(),
+                },
+                extra: Vec::new(),
+                compliance: Vec::new(),
+                simulated: false,
+            })
+            .collect();
+        for frames in all.chunks(8) {
+            let frames = frames.iter().map(|frame| (frame, None));
+            writer.append_all(frames).unwrap();
+        }
+        let path = writer.path().to_owned();
+        writer.close(at, "end").unwrap();
+        path
+    }
+
+    /// Bytes that this thread has read so far.
+    fn bytes_read() -> u64 {
+        let counters = std::fs::read_to_string("/proc/thread-self/io").unwrap();
+        let read = counters
+            .lines()
+            .find_map(|line| line.strip_prefix("rchar: "));
+        read.unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn last_frame_at_a_time_is_found_without_reading_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = recorded(folder.path(), 2000);
+        let size = std::fs::metadata(&path).unwrap().len();
+        let rule = BaselineRule::First(1);
+        let recording = Recording::from_session(&path, Some(&rule), false).unwrap();
+        let seconds = |count| Some(Moment::Since(Duration::from_secs(count)));
+        for (from, to, count, last) in [
+            (None, seconds(9), 10, 10),
+            (None, seconds(149), 150 + 51, 250),
+            (seconds(1000), seconds(1000), 1, 1101),
+        ] {
+            let source = RecordingSource {
+                source: String::new(),
+                frames: None,
+                baseline: None,
+                negate: false,
+                from,
+                to,
+            };
+            let damaged = Cell::new(0);
+            let before = bytes_read();
+            let frames = frames(&recording, &source, Thinning::NONE, &damaged).unwrap();
+            let read = bytes_read() - before;
+            let numbers: Vec<u64> = frames
+                .filter_map(|(frame, asked)| asked.then_some(frame.sequence))
+                .collect();
+            assert_eq!((numbers.len(), numbers.last()), (count, Some(&last)));
+            assert!(
+                read < size / 2,
+                "{read} of {size} bytes to find frame {last}"
+            );
         }
     }
 }

@@ -299,6 +299,17 @@ impl Recording {
         }
     }
 
+    /// Number and wall time of each frame from the last one back, without its readings; the checksums are not verified.
+    /// A table has no times.
+    pub fn wall_times_back(
+        &self,
+    ) -> Box<dyn Iterator<Item = Result<(u64, DateTime<Utc>), LogbookError>> + '_> {
+        match &self.source {
+            Source::Table(_) => Box::new(std::iter::empty()),
+            Source::Session { parts, .. } => Box::new(parts.wall_times_back()),
+        }
+    }
+
     /// The last readable frame that was taken at or before a time, or the first frame if all are later. `None` without
     /// frames or times.
     ///

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use chrono::{DateTime, Utc};
 use logbook::{Event, LogbookError, Record, SessionHeader, SessionReader};
 use survey::Baseline;
 
@@ -147,6 +148,17 @@ impl SessionParts {
             })
     }
 
+    /// Number and wall time of each frame from the last one back, without its readings; the checksums are not verified.
+    pub fn wall_times_back(
+        &self,
+    ) -> impl Iterator<Item = Result<(u64, DateTime<Utc>), LogbookError>> {
+        let parts: Vec<_> = self.with_next().collect();
+        parts.into_iter().rev().flat_map(|(part, next)| {
+            let own = next.map_or(u64::MAX, |next| next.saturating_sub(1));
+            part.wall_times_back(1, own)
+        })
+    }
+
     /// Each part, and the first sequence number of the next.
     fn with_next(&self) -> impl Iterator<Item = (&SessionReader, Option<u64>)> {
         let next = self.0.iter().skip(1);
@@ -159,7 +171,6 @@ impl SessionParts {
 mod tests {
     use std::time::Duration;
 
-    use chrono::DateTime;
     use logbook::SessionWriter;
     use survey::{Amps, Frame, Precautions, Protocol, Reading, Settings, Volts};
 
@@ -211,7 +222,16 @@ mod tests {
         };
         assert_eq!(last("m1.tactus"), (4, Some(4)));
         assert_eq!(last("m1_p3.tactus"), (4, None), "this part alone");
+        let back = |name: &str| {
+            let parts = SessionParts::open(&file(name)).unwrap();
+            let times = parts.wall_times_back().map(Result::unwrap);
+            times
+                .map(|(number, wall)| (number, wall.timestamp()))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(back("m1.tactus"), [(4, 4), (3, 3), (2, 2), (1, 1)]);
         std::fs::remove_file(file("m1_p2.tactus")).unwrap();
         assert_eq!(last("m1.tactus"), (2, Some(2)));
+        assert_eq!(back("m1.tactus"), [(2, 2), (1, 1)]);
     }
 }
