@@ -63,7 +63,7 @@ fn every_command_has_examples_that_parse() {
 
 /// Words that state a unit, or that a number is a count (`N`) or has no unit.
 const UNITS: &str =
-    "N SPAN PLC mm V A mA uA uV Hz s ms degrees bytes number seed share frames times";
+    "N SPAN PLC mm V A mA uA uV Hz s ms degrees bytes number seed share frames times multiple";
 
 #[test]
 fn every_number_option_states_unit_and_default() {
