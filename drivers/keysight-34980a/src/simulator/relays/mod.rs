@@ -307,7 +307,8 @@ impl Relays {
     /// The relays of a reading: they connect its channel to bus 1, and for a four-wire reading its partner in the other
     /// bank to bus 2.
     pub(crate) fn of_reading(&self, channel: Relay, four_wire: bool) -> ScanRelays {
-        let partner = self.partner(channel).filter(|_| four_wire);
+        // the search for the partner takes longer than the rest of a reading
+        let partner = four_wire.then(|| self.partner(channel)).flatten();
         let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
         // the relays to the buses stay open while the terminal block is open
         let closes = |bus: &Relay| !self.slots[bus.0 as usize / 1000 - 1].interlocked;
