@@ -19,9 +19,14 @@ impl Peer {
     /// Begins with these replies if the first byte is odd, so that states after a valid start are reached, too.
     pub fn new(start: &[&str], bytes: &[u8]) -> Self {
         let sound = bytes.first().is_some_and(|first| first % 2 == 1);
-        let start = start.iter().filter(|_| sound).map(|line| line.as_bytes().to_vec());
+        let start = start
+            .iter()
+            .filter(|_| sound)
+            .map(|line| line.as_bytes().to_vec());
         let made_up = bytes.get(1..).unwrap_or_default();
-        let made_up = made_up.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec);
+        let made_up = made_up
+            .split_inclusive(|byte| *byte == b'\n')
+            .map(<[u8]>::to_vec);
         Self {
             lines: start.chain(made_up).collect(),
             ready: VecDeque::new(),
@@ -39,7 +44,9 @@ impl AsyncRead for Peer {
             return Poll::Pending;
         }
         while buffer.remaining() > 0 {
-            let Some(byte) = self.ready.pop_front() else { break };
+            let Some(byte) = self.ready.pop_front() else {
+                break;
+            };
             buffer.put_slice(&[byte]);
         }
         Poll::Ready(Ok(()))
@@ -47,7 +54,11 @@ impl AsyncRead for Peer {
 }
 
 impl AsyncWrite for Peer {
-    fn poll_write(mut self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
         // a line that begins with a low byte is sent together with the next one: a duplicated reply
         while let Some(line) = self.lines.pop_front() {
             let more = line.first().is_some_and(|first| *first == 2);
