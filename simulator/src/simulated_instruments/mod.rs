@@ -19,9 +19,7 @@ use tokio::time::Instant;
 use crate::circuit::sheet::{ReadingRequest, Sheet};
 use crate::circuit::terminals::Fixture;
 use crate::instrument::fault::TimedFault;
-use crate::instrument::simulated::{
-    CurrentSource, ExternalCircuit, Reply, SimulatedInstrument,
-};
+use crate::instrument::simulated::{CurrentSource, ExternalCircuit, Reply, SimulatedInstrument};
 use crate::instrument::{Instrument, Pace, Profile};
 
 /// The instruments of one rig, connected to one sheet.
