@@ -303,11 +303,12 @@ impl Recording {
     /// A table has no times.
     pub fn wall_times_back(
         &self,
-    ) -> Box<dyn Iterator<Item = Result<(u64, DateTime<Utc>), LogbookError>> + '_> {
-        match &self.source {
-            Source::Table(_) => Box::new(std::iter::empty()),
-            Source::Session { parts, .. } => Box::new(parts.wall_times_back()),
-        }
+    ) -> impl Iterator<Item = Result<(u64, DateTime<Utc>), LogbookError>> {
+        let parts = match &self.source {
+            Source::Table(_) => None,
+            Source::Session { parts, .. } => Some(parts),
+        };
+        parts.into_iter().flat_map(SessionParts::wall_times_back)
     }
 
     /// The last readable frame that was taken at or before a time, or the first frame if all are later. `None` without
