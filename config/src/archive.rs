@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use survey::Bounds::Within;
 
-use crate::numbers::MEGABYTES;
+use crate::bounds::MEGABYTES;
 use crate::section::section;
 
 section! {

@@ -13,6 +13,7 @@
 
 mod alarm;
 mod archive;
+mod bounds;
 mod measuring;
 mod mqtt;
 pub mod numbers;
@@ -27,7 +28,7 @@ use imaging::{GeometrySettings, ReconstructionSettings};
 use serde::{Deserialize, Serialize};
 use survey::Bounds::{Above, Within};
 
-use crate::numbers::{COUNT, ELECTRODES, EVERY_S, FOR_S, MEGABYTES, SLOT, SPEED};
+use crate::bounds::{COUNT, ELECTRODES, EVERY_S, FOR_S, MEGABYTES, SLOT, SPEED};
 use crate::section::section;
 
 pub use alarm::{AlarmSettings, HealthValue, Limit, Watched};

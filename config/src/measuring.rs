@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use survey::Bounds::{self, Above, OneOf, Within};
 use survey::{Amps, Injection, Timing, Volts, duration};
 
-use crate::numbers::ELECTRODES;
+use crate::bounds::ELECTRODES;
 use crate::section::section;
 
 const WAIT_MS: Bounds = Within(0.0, 60e3);

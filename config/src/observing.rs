@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use survey::Bounds::{Above, Within};
 use survey::LONGEST_S;
 
-use crate::numbers::DAYS;
+use crate::bounds::DAYS;
 use crate::section::section;
 
 section! {

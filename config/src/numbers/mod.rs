@@ -2,25 +2,16 @@
 //! Combinations of keys are checked by the daemon's preparation.
 
 use survey::Bounds::{self, Above, Between, Within};
-use survey::LONGEST_S;
 use toml::de::{DeTable, DeValue};
 
+pub use crate::bounds::COUNT;
+use crate::bounds::FOR_S;
 use crate::{
     ArchiveSection, MqttSection, NotifySection, RecordSection, RecordingSection, RelayWearSection,
     ScheduleSection, SurveySection, WiringSection,
 };
 
-pub(crate) const EVERY_S: Bounds = Within(0.0, LONGEST_S);
-pub(crate) const FOR_S: Bounds = Above(0.0, LONGEST_S);
-/// Number of frames of a session.
-pub const COUNT: Bounds = Within(1.0, 1e15);
-pub(crate) const SPEED: Bounds = Within(0.0, 1e6);
-/// Most electrodes. Their 64,768 readings are more than any switch can scan.
-pub(crate) const ELECTRODES: Bounds = Within(1.0, 256.0);
-pub(crate) const SLOT: Bounds = Within(1.0, 8.0);
 const ANSWER_MS: Bounds = Within(1.0, 600e3);
-/// One petabyte: in bytes it still fits into 64 bits.
-pub(crate) const MEGABYTES: Bounds = Within(0.0, 1e9);
 const LENGTH_MM: Bounds = Within(0.01, 10e3);
 const OHM: Bounds = Within(1e-6, 1e12);
 const EDGES: Bounds = Within(1.0, 64.0);
@@ -28,7 +19,6 @@ const SEEDING: Bounds = Within(0.0, u32::MAX as f64);
 const FINENESS: Bounds = Within(0.25, 8.0);
 const GROWTH: Bounds = Within(0.001, 10.0);
 const LIMIT: Bounds = Within(-1e9, 1e9);
-pub(crate) const DAYS: Bounds = Above(0.0, 36_525.0);
 
 /// Numeric keys that are not those of a section of this crate: of instruments, of sheets and reconstructions, of alarms.
 const OTHERS: &[(&str, Bounds)] = &[
