@@ -162,7 +162,7 @@ pub fn prune_each(
         left: sizes.iter().sum(),
         ..Pruned::default()
     };
-    let mut fates = vec![Fate::Stays; sessions.len()];
+    let mut removals = vec![Removal::NotDue; sessions.len()];
     let mut failed = None;
     let mut again = true;
     while again {
@@ -174,17 +174,17 @@ pub fn prune_each(
             pruned.left,
             retention,
             now,
-            &mut fates,
+            &mut removals,
         );
         let go = sessions
             .iter()
-            .zip(&fates)
-            .filter(|(_, fate)| !fate.stays());
+            .zip(&removals)
+            .filter(|(_, removal)| !removal.keeps());
         let go: BTreeSet<&str> = go.map(|(session, _)| id_of(&session.path)).collect();
         let stay = files.keys().filter(|id| !go.contains(id.as_str()));
         let stay: BTreeSet<&str> = stay.map(|id| part_of(id).0).collect();
-        for (session, fate) in sessions.iter().zip(&mut fates) {
-            let Fate::Due(why) = fate else {
+        for (session, removal) in sessions.iter().zip(&mut removals) {
+            let Removal::Due(why) = removal else {
                 continue;
             };
             let part_of_it_stays = stay.contains(part_of(id_of(&session.path)).0);
@@ -204,12 +204,12 @@ pub fn prune_each(
                     return Err(error);
                 }
                 failed.get_or_insert(error);
-                *fate = Fate::Stuck;
+                *removal = Removal::Failed;
                 // others may be due in its place
                 again = true;
                 continue;
             }
-            *fate = Fate::Gone;
+            *removal = Removal::Done;
             pruned.left = pruned.left.saturating_sub(removed.bytes);
             each(&removed);
             pruned.removed.push(removed);
@@ -221,20 +221,20 @@ pub fn prune_each(
     }
 }
 
-/// What becomes of a session.
+/// The state of a session's removal.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Fate {
-    Stays,
+enum Removal {
+    NotDue,
     /// It is to be removed, for this reason.
     Due(String),
-    Gone,
+    Done,
     /// It could not be removed.
-    Stuck,
+    Failed,
 }
 
-impl Fate {
-    fn stays(&self) -> bool {
-        matches!(self, Self::Stays | Self::Stuck)
+impl Removal {
+    fn keeps(&self) -> bool {
+        matches!(self, Self::NotDue | Self::Failed)
     }
 }
 
@@ -247,7 +247,7 @@ fn select(
     mut left: u64,
     retention: &Retention,
     now: DateTime<Utc>,
-    fates: &mut [Fate],
+    removals: &mut [Removal],
 ) -> Vec<KeptSession> {
     let mut kept = Vec::new();
     let open: BTreeSet<&str> = sessions
@@ -265,7 +265,7 @@ fn select(
     // computed at the first baseline to be removed: by then the kept measurements are known
     let mut needed = None;
     for index in measurements.into_iter().chain(baselines) {
-        if matches!(fates[index], Fate::Gone | Fate::Stuck) {
+        if matches!(removals[index], Removal::Done | Removal::Failed) {
             continue;
         }
         let session = &sessions[index];
@@ -286,7 +286,7 @@ fn select(
             Some("the archive has no receipt for its present content")
         } else if session.kind == SessionKind::Baseline
             && needed
-                .get_or_insert_with(|| needed_baselines(sessions, fates))
+                .get_or_insert_with(|| needed_baselines(sessions, removals))
                 .contains(&session.id)
         {
             Some("a session that is kept was measured against it")
@@ -299,7 +299,7 @@ fn select(
                 why: why.to_owned(),
             }),
             None => {
-                fates[index] = Fate::Due(reason);
+                removals[index] = Removal::Due(reason);
                 left = left.saturating_sub(sizes[index]);
             }
         }
@@ -314,11 +314,11 @@ fn select(
 }
 
 /// Ids of the baselines that kept sessions need.
-fn needed_baselines(sessions: &[SessionSummary], fates: &[Fate]) -> BTreeSet<String> {
+fn needed_baselines(sessions: &[SessionSummary], removals: &[Removal]) -> BTreeSet<String> {
     sessions
         .iter()
-        .zip(fates)
-        .filter(|(session, fate)| fate.stays() && session.kind == SessionKind::Measurement)
+        .zip(removals)
+        .filter(|(session, removal)| removal.keeps() && session.kind == SessionKind::Measurement)
         .filter_map(|(session, _)| SessionReader::open(&session.path).ok()?.baseline().ok()?)
         .map(|baseline| baseline.id)
         .collect()
