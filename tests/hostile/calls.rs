@@ -248,10 +248,30 @@ fn attribute<'a>(line: &'a str, name: &str) -> Option<&'a str> {
     Some(rest.split_once('"')?.0)
 }
 
-/// Options are documented in comments as `name` (type); comments may wrap.
+/// The type of a measuring option, from the error for a value of another type.
+fn measuring_option(key: &str) -> Named {
+    let read = dbus::Options::new()
+        .with(key, "no number")
+        .read::<dbus::SessionOptions>();
+    let signature = match read {
+        Ok(_) => 's',
+        Err(error) => error
+            .text
+            .strip_suffix(')')
+            .and_then(|text| text.chars().next_back())
+            .expect("the error names the type"),
+    };
+    (key.to_owned(), signature)
+}
+
+/// Options are documented in comments as `name` (type); comments may wrap. Where the comments refer to the keys of
+/// `[survey]`, they are the measuring options.
 fn options(xml: &str) -> Vec<Named> {
     let text = xml.split_whitespace().collect::<Vec<_>>().join(" ");
     let mut found = BTreeSet::new();
+    if text.contains("keys of `[survey]`") {
+        found.extend(dbus::MEASURING_OPTIONS.map(measuring_option));
+    }
     for (place, between) in text.match_indices("` (") {
         let name = text[..place].rsplit('`').next().unwrap_or_default();
         let mut behind = text[place + between.len()..].chars();
@@ -291,5 +311,16 @@ fn hostile_calls_cover_every_method_property_and_option() {
             manager.iter().any(|(name, _)| name == option),
             "no option '{option}' in {manager:?}"
         );
+    }
+    for expected in [
+        ("nplc", 'd'),
+        ("averages", 't'),
+        ("half", 'b'),
+        ("ranges", 's'),
+    ] {
+        let found = manager
+            .iter()
+            .any(|(name, signature)| (name.as_str(), *signature) == expected);
+        assert!(found, "no option {expected:?} in {manager:?}");
     }
 }
