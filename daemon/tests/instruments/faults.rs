@@ -179,8 +179,9 @@ async fn a_lost_source_is_verified_off_before_the_session_goes_on() {
     assert_eq!(source.state().await.unwrap(), "ready");
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
+/// Cuts both links between two frames, so that both fail in the next one, and calls `react` with kind and text of each
+/// event until the session has resumed. The steps must have been reported in this order, and the frame is taken.
+async fn both_links_lost(steps: [&str; 4], react: impl Fn(&SimulatedRig, &str, &str)) {
     let (rig, _server, config) = on_tcp().await;
     let stage = Stage::new(&config);
     let daemon = stage.start().await;
@@ -188,30 +189,19 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(1)).await.unwrap();
-    // between two frames, so that both connections fail in the next frame
     rig.set_wire(Instrument::Source, Wire::Cut);
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
     let stepped = session.clone();
     let step = tokio::spawn(async move { stepped.step(1).await });
     let mut kinds = Vec::new();
-    loop {
+    while kinds.last().is_none_or(|kind| kind != "resumed") {
         let signal = within(dbus::next(&mut happened)).await.unwrap();
         let reported = signal.args().unwrap();
+        react(&rig, reported.kind, reported.text);
         kinds.push(reported.kind.to_string());
-        match reported.kind {
-            "alarm" => assert!(reported.text.contains("may be live"), "{}", reported.text),
-            // the switch returns first: its relays are opened while the source is still missing
-            "reconnecting" => rig.set_wire(Instrument::Mainframe, Wire::Sound),
-            "relays-open" => {
-                assert!(rig.closed().is_empty());
-                rig.set_wire(Instrument::Source, Wire::Sound);
-            }
-            "resumed" => break,
-            _ => {}
-        }
     }
     let place = |wanted: &str| kinds.iter().position(|kind| kind == wanted);
-    let steps = ["alarm", "relays-open", "source-off", "resumed"].map(place);
+    let steps = steps.map(place);
     assert!(
         steps.iter().all(Option::is_some) && steps.is_sorted(),
         "{kinds:?}"
@@ -224,40 +214,32 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn relays_of_a_rig_that_returns_at_once_are_reported_open() {
-    let (rig, _server, config) = on_tcp().await;
-    let stage = Stage::new(&config);
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let mut happened = daemon.manager.receive_happened().await.unwrap();
-    let session = daemon.start(Options::new().with("step", true)).await;
-    within(session.step(1)).await.unwrap();
-    rig.set_wire(Instrument::Source, Wire::Cut);
-    rig.set_wire(Instrument::Mainframe, Wire::Cut);
-    let stepped = session.clone();
-    let step = tokio::spawn(async move { stepped.step(1).await });
-    let mut kinds = Vec::new();
-    loop {
-        let signal = within(dbus::next(&mut happened)).await.unwrap();
-        let reported = signal.args().unwrap();
-        kinds.push(reported.kind.to_string());
-        match reported.kind {
-            // before the first attempt to reconnect, which therefore succeeds
-            "alarm" => {
-                rig.set_wire(Instrument::Source, Wire::Sound);
-                rig.set_wire(Instrument::Mainframe, Wire::Sound);
-            }
-            "resumed" => break,
-            _ => {}
+async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
+    let steps = ["alarm", "relays-open", "source-off", "resumed"];
+    both_links_lost(steps, |rig, kind, text| match kind {
+        "alarm" => assert!(text.contains("may be live"), "{text}"),
+        // the switch returns first: its relays are opened while the source is still missing
+        "reconnecting" => rig.set_wire(Instrument::Mainframe, Wire::Sound),
+        "relays-open" => {
+            assert!(rig.closed().is_empty());
+            rig.set_wire(Instrument::Source, Wire::Sound);
         }
-    }
-    let place = |wanted: &str| kinds.iter().position(|kind| kind == wanted);
-    let steps = ["alarm", "source-off", "relays-open", "reconnected"].map(place);
-    assert!(
-        steps.iter().all(Option::is_some) && steps.is_sorted(),
-        "{kinds:?}"
-    );
-    within(step).await.unwrap().unwrap();
+        _ => {}
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn relays_of_a_rig_that_returns_at_once_are_reported_open() {
+    let steps = ["alarm", "source-off", "relays-open", "reconnected"];
+    both_links_lost(steps, |rig, kind, _| {
+        // before the first attempt to reconnect, which therefore succeeds
+        if kind == "alarm" {
+            rig.set_wire(Instrument::Source, Wire::Sound);
+            rig.set_wire(Instrument::Mainframe, Wire::Sound);
+        }
+    })
+    .await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,7 +1,7 @@
 mod events;
 mod parts;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc as sync;
@@ -481,61 +481,49 @@ fn a_ring_that_can_delete_nothing_waits_for_space() {
     assert_eq!(scene.reported(), ["disk-low", "disk-full", "disk-room"]);
 }
 
-#[test]
-fn deletions_of_a_ring_before_a_failure_are_recorded() {
-    let (scene, recorder, queue, tell) = Scene::ring();
+/// Records a frame on a full disk. A folder in place of a file of the session `stays` prevents its removal, so that only
+/// `goes` is deleted, and acquisition waits.
+fn one_of_two_is_deleted((scene, recorder, queue, tell): Begun, goes: &Path, stays: &Path) {
     tell.send(Do::Map).unwrap();
-    let first = scene.closed_session("m00");
-    let second = scene.closed_session("m01");
-    // a folder in place of a file of the second session, which can therefore not be removed
-    std::fs::create_dir(second.with_file_name("m01-failed-1.jsonl")).unwrap();
+    let id = stays.file_stem().unwrap().display();
+    std::fs::create_dir(stays.with_file_name(format!("{id}-failed-1.jsonl"))).unwrap();
     scene.free.store(0, Ordering::SeqCst);
     scene.frame(1);
     let recording = std::thread::spawn(move || recorder.run(queue));
     until(scene.status.held(), |held| *held);
-    assert!(!first.exists() && second.exists());
-    // the second one is tried again and again, and listed once
-    let list = second.with_file_name("pruned.jsonl");
+    assert!(!goes.exists() && stays.exists());
+    // the removal is tried again and again, and listed once
+    let list = stays.with_file_name("pruned.jsonl");
     assert_eq!(std::fs::read_to_string(list).unwrap().lines().count(), 2);
     scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
     scene.close();
     recording.join().unwrap().unwrap();
     let (_, events) = scene.recorded();
-    let deleted = ["session-deleted", "session-not-deleted"];
-    assert_eq!(
-        events,
-        [&["disk-low"], &deleted[..], &["disk-room"]].concat()
-    );
+    let expected = [
+        "disk-low",
+        "session-deleted",
+        "session-not-deleted",
+        "disk-room",
+    ];
+    assert_eq!(events, expected);
+}
+
+#[test]
+fn deletions_of_a_ring_before_a_failure_are_recorded() {
+    let begun = Scene::ring();
+    let [first, second] = ["m00", "m01"].map(|id| begun.0.closed_session(id));
+    one_of_two_is_deleted(begun, &first, &second);
 }
 
 #[test]
 fn a_ring_deletes_the_next_session_if_the_oldest_stays() {
-    let (scene, recorder, queue, tell) = Scene::ring();
-    tell.send(Do::Map).unwrap();
-    let sessions = ["m00", "m01"].map(|id| {
-        let path = scene.closed_session(id);
+    let begun = Scene::ring();
+    let [oldest, next] = ["m00", "m01"].map(|id| {
+        let path = begun.0.closed_session(id);
         // each one alone is more than is deleted at a time; no space is allocated
         let large = std::fs::File::create(path.with_file_name(format!("{id}-failed-2.jsonl")));
         large.unwrap().set_len(10_000 * MEGABYTE).unwrap();
         path
     });
-    // a folder in place of a file of the oldest session, which can therefore not be removed
-    std::fs::create_dir(sessions[0].with_file_name("m00-failed-1.jsonl")).unwrap();
-    scene.free.store(0, Ordering::SeqCst);
-    scene.frame(1);
-    let recording = std::thread::spawn(move || recorder.run(queue));
-    until(scene.status.held(), |held| *held);
-    assert!(sessions[0].exists() && !sessions[1].exists());
-    // the oldest one is tried again and again, and listed once
-    let list = sessions[0].with_file_name("pruned.jsonl");
-    assert_eq!(std::fs::read_to_string(list).unwrap().lines().count(), 2);
-    scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
-    scene.close();
-    recording.join().unwrap().unwrap();
-    let (_, events) = scene.recorded();
-    let deleted = ["session-deleted", "session-not-deleted"];
-    assert_eq!(
-        events,
-        [&["disk-low"], &deleted[..], &["disk-room"]].concat()
-    );
+    one_of_two_is_deleted(begun, &next, &oldest);
 }
