@@ -33,7 +33,7 @@ pub(super) struct Interrupted {
     pub resumed: Resumed,
     /// The last frame before the gap.
     pub last: Option<Record>,
-    /// How long it had run when that frame was taken.
+    /// How long it had run when that frame was taken; 0 if its duration has no limit.
     run: Duration,
     /// Whether its daemon was stopped in an orderly way.
     stopped: bool,
@@ -172,8 +172,9 @@ impl Controller {
         let no_reload = self.without_reload().await;
         let runtime = self.runtime();
         let folder = runtime.setup.record_directory.clone();
+        let limited = runtime.setup.schedule.lasts.is_some();
         let opened = tokio::task::spawn_blocking(move || {
-            open(&path).map_err(|error| match free_bytes(&folder) {
+            open(&path, limited).map_err(|error| match free_bytes(&folder) {
                 // without space for the files of its journal, SQLite reports other errors
                 Ok(free) if free < SPACE_TO_OPEN => NotResumed::Later(chain(&error)),
                 _ => error.into(),
@@ -278,16 +279,26 @@ impl Controller {
     }
 }
 
-/// Opens an interrupted session, and reads its baseline.
-fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookError> {
+/// Opens an interrupted session, and reads its baseline. `limited`: whether its duration has a limit even if none was
+/// requested.
+fn open(
+    path: &Path,
+    limited: bool,
+) -> Result<(Interrupted, Option<survey::Baseline>), LogbookError> {
     let reader = SessionReader::open(path)?;
     let (baseline, last) = (reader.baseline()?, reader.last()?);
     let events = reader.events()?;
     let stopped = events
         .last()
         .is_some_and(|event| event.kind == EventKind::ShutDown.as_str());
+    let options = from_json(&reader.header().asked);
     drop(reader);
-    let run = logbook::time_run(path)?;
+    let limited = limited || options.is_some_and(|options| options.number("for_s").is_some());
+    // reads all parts of the session
+    let run = match limited {
+        true => logbook::time_run(path)?,
+        false => Duration::ZERO,
+    };
     let (writer, resumed) = SessionWriter::resume(path)?;
     let found = Interrupted {
         writer,
@@ -417,7 +428,7 @@ mod tests {
     fn a_clock_that_is_set_back_does_not_lengthen_a_session() {
         for set_back in [0, 3, 90].map(hours) {
             let folder = tempfile::tempdir().unwrap();
-            let (found, _) = open(&killed(folder.path(), set_back)).unwrap();
+            let (found, _) = open(&killed(folder.path(), set_back), true).unwrap();
             let end = DateTime::UNIX_EPOCH + hours(104) - set_back;
             let left = |now, up| time_left(hours(10), &found, now, hours(up));
             assert_eq!(left(end + hours(1), 0), hours(5), "{set_back:?}");
