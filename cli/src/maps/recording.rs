@@ -96,14 +96,11 @@ pub(crate) fn frames<'a>(
             ));
         }
     }
-    let lies = move |(number, wall): (u64, Option<DateTime<Utc>>),
-                     place: Option<Moment>,
-                     excluded: Ordering| {
-        place.and_then(|place| place.compare(number, wall, first)) != Some(excluded)
-    };
     let is_between = move |number: u64, wall: Option<DateTime<Utc>>| {
-        lies((number, wall), source.from, Ordering::Less)
-            && lies((number, wall), source.to, Ordering::Greater)
+        let lies = |place: Option<Moment>, excluded: Ordering| {
+            place.and_then(|place| place.compare(number, wall, first)) != Some(excluded)
+        };
+        lies(source.from, Ordering::Less) && lies(source.to, Ordering::Greater)
     };
     let chosen = move |frame: &RecordedFrame| is_between(frame.sequence, frame.wall);
     let mut within = readable().filter(|frame| chosen(frame));

@@ -31,8 +31,8 @@ pub struct MethodArguments {
     /// quality check of maps expects [default: what the session used, else measured from the baseline]
     #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
-    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (for readings in V, not normalised); a number
-    /// above 0 [default: by --choose]
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (for readings in V, not normalised); a
+    /// number above 0 [default: by --choose]
     #[arg(long, value_name = "X", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub lambda: Option<f64>,
     /// How the hyper-parameter is chosen: evidence (the most probable one for each frame), l-curve (the corner of each

@@ -223,7 +223,7 @@ impl Controller {
             Ok(_) => SourceState::Off,
             Err(error) => error.source_state(),
         };
-        let (before, relays) = {
+        let (before, opened) = {
             let mut inner = self.inner();
             let before = inner.source_state;
             // the last known state of a source that is not reached is kept
@@ -237,7 +237,7 @@ impl Controller {
             (before, opened)
         };
         let source = (before, now) == (SourceState::Unknown, SourceState::Off);
-        self.report_safe_again(session, source, relays).await;
+        self.report_safe_again(session, source, opened).await;
         match outcome {
             Ok(assembled) => {
                 {
