@@ -153,28 +153,8 @@ impl Play {
         }
     }
 
-    /// Waits for a frame that began after this call.
     async fn next_frame(&self) -> dbus::LatestFrame {
-        let acquired = self.session.frames_acquired().await.expect("it answers");
-        let mut done = self.session.receive_frame_done().await.expect("a stream");
-        let frame = tokio::time::timeout(DEADLINE, async {
-            loop {
-                if let Ok(frame) = self.session.latest_frame().await
-                    && frame.sequence > acquired + 1
-                {
-                    return frame;
-                }
-                dbus::next(&mut done).await;
-            }
-        });
-        match frame.await {
-            Ok(frame) => frame,
-            Err(_) => panic!(
-                "no frame: {:?}, {:?}",
-                self.session.state().await,
-                self.session.last_error().await
-            ),
-        }
+        next_frame(self.session.clone()).await
     }
 
     fn fault(&self, words: &str) {
@@ -228,6 +208,9 @@ impl Play {
         match course {
             Recovers(mend) => {
                 let mut mended = mend.is_none();
+                // a task, because the subscription must not be dropped half made: zbus then never delivers this signal
+                // on this connection again
+                let mut frame = tokio::spawn(next_frame(self.session.clone()));
                 let gone_through = tokio::time::timeout(DEADLINE, async {
                     loop {
                         let signal = tokio::select! {
@@ -236,8 +219,9 @@ impl Play {
                             signal = dbus::next(&mut happened) => signal.expect("the daemon runs"),
                             // a fault that ends by itself may have ended while the source was being switched off (up to
                             // two attempts), or between two frames: cause it again
-                            _ = self.next_frame(), if reported.is_empty() && mend.is_none() => {
+                            _ = &mut frame, if reported.is_empty() && mend.is_none() => {
                                 self.fault(words);
+                                frame = tokio::spawn(next_frame(self.session.clone()));
                                 continue;
                             }
                         };
@@ -376,6 +360,30 @@ impl Play {
         assert_whole(&path);
         let (status, log) = self.daemon.terminate().await;
         assert!(status.success(), "{log}");
+    }
+}
+
+/// Waits for a frame that began after this call.
+async fn next_frame(session: Session1Proxy<'static>) -> dbus::LatestFrame {
+    let acquired = session.frames_acquired().await.expect("it answers");
+    let mut done = session.receive_frame_done().await.expect("a stream");
+    let frame = tokio::time::timeout(DEADLINE, async {
+        loop {
+            if let Ok(frame) = session.latest_frame().await
+                && frame.sequence > acquired + 1
+            {
+                return frame;
+            }
+            dbus::next(&mut done).await.expect("the daemon runs");
+        }
+    });
+    match frame.await {
+        Ok(frame) => frame,
+        Err(_) => panic!(
+            "no frame: {:?}, {:?}",
+            session.state().await,
+            session.last_error().await
+        ),
     }
 }
 
