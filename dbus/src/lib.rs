@@ -11,7 +11,8 @@
 //! - **record**: one frame, map or end in the full-rate stream ([`stream`])
 //!
 //! The proxies do not cache properties that may change: every read queries the daemon. The daemon emits
-//! `PropertiesChanged`; to follow changes, subscribe through `zbus::fdo::PropertiesProxy`.
+//! `PropertiesChanged`; to follow changes, subscribe through `zbus::fdo::PropertiesProxy`. Await a subscription
+//! (`receive_...`) to its end: if its future is dropped, zbus (6.2) can lose that signal for the rest of the connection.
 //!
 //! The daemon has three kinds of address ([`Address`]): the system bus, the session bus, and a unix socket that needs
 //! no broker.
