@@ -90,7 +90,7 @@ impl Part {
         let Some(closing) = session.closed().cloned() else {
             return Err(PartError::Open(path.to_owned()));
         };
-        if !session.is_folded() {
+        if !session.is_merged() {
             return Err(PartError::Unfolded(path.to_owned()));
         }
         let summary = session.summary().map_err(PartError::Unreadable)?;

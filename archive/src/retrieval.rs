@@ -79,7 +79,7 @@ pub fn pull(
 #[serde(tag = "state", rename_all = "kebab-case")]
 pub enum Holding {
     /// The content that the catalogue names.
-    Whole,
+    Intact,
     /// Another content.
     Damaged {
         /// Its SHA-256.
@@ -107,7 +107,7 @@ pub fn verify(store: &dyn Store, part: &ArchivedPart) -> Result<Holding, Retriev
         source,
     })?;
     Ok(match found == name.sha256 {
-        true => Holding::Whole,
+        true => Holding::Intact,
         false => Holding::Damaged { found },
     })
 }

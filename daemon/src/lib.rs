@@ -317,7 +317,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     safe
 }
 
-/// The index of the record's directory, after files that killed daemons left there have been removed, or folded into
+/// The index of the record's directory, after files that killed daemons left there have been removed, or merged into
 /// their sessions.
 async fn clean_index(directory: std::path::PathBuf) -> Result<Records, String> {
     let read = move || {
@@ -348,8 +348,8 @@ async fn clean_index(directory: std::path::PathBuf) -> Result<Records, String> {
             names(&clean_index.removed)
         );
     }
-    if !clean_index.folded.is_empty() {
-        tracing::info!("journals merged into {}", names(&clean_index.folded));
+    if !clean_index.merged.is_empty() {
+        tracing::info!("journals merged into {}", names(&clean_index.merged));
     }
     for error in clean_index.refused {
         tracing::warn!("{}", chain(&error));

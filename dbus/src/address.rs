@@ -170,7 +170,7 @@ async fn reach(address: &Address) -> Result<Connection, ConnectError> {
         .map_err(|cause| no_daemon(cause.to_string()))?;
     match broker.name_has_owner(name).await {
         Ok(true) => Ok(connection),
-        Ok(false) => Err(no_daemon(format!("nobody owns {BUS_NAME}"))),
+        Ok(false) => Err(no_daemon(format!("no program owns {BUS_NAME}"))),
         Err(cause) => Err(no_daemon(cause.to_string())),
     }
 }

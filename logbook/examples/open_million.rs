@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         writer.bytes(),
         began.elapsed().as_secs_f64()
     );
-    // Imitates a killed process: the journal is not folded into the file.
+    // Imitates a killed process: the journal is not merged into the file.
     std::mem::forget(writer);
     let journal = path.with_extension("tactus-wal");
     println!(

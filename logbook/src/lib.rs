@@ -70,7 +70,7 @@ pub use crate::directory::{
 };
 pub use crate::error::{DiskFault, LogbookError};
 pub use crate::files::{part_of, parts};
-pub use crate::maintenance::leftovers::{TidyReport, fold_closed, tidy};
+pub use crate::maintenance::leftovers::{TidyReport, merge_closed, tidy};
 pub use crate::maintenance::prune::{
     ExportMarker, KeptSession, Pruned, Removed, Retention, exported, folder_bytes, mark_exported,
     prune, prune_each,

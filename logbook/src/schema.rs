@@ -166,7 +166,7 @@ CREATE TABLE event (
 /// Bytes of a page. A commit writes each page that it changes as a whole, so small pages reduce the bytes written;
 /// most of a row is on pages that it fills alone.
 pub(crate) const PAGE: u32 = 512;
-/// Pages in the journal beyond which it is folded into the file: 2 MB, about 20 minutes at a frame a second.
+/// Pages in the journal beyond which it is merged into the file: 2 MB, about 20 minutes at a frame a second.
 pub(crate) const JOURNAL: u32 = 4000;
 
 pub(crate) fn create_tables(connection: &Connection) -> rusqlite::Result<()> {

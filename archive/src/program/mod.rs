@@ -173,7 +173,7 @@ async fn verify(
     let mut bad = 0;
     for part in &parts {
         let holding = retrieval::verify(&*store, part)?;
-        bad += usize::from(holding != Holding::Whole);
+        bad += usize::from(holding != Holding::Intact);
         let line = output::Verified {
             part,
             holding: &holding,
@@ -183,7 +183,7 @@ async fn verify(
     match bad {
         0 => Ok(()),
         bad => Err(Failure::Failed(format!(
-            "{bad} of {} parts are not whole in {}: push them again from where they were recorded",
+            "{bad} of {} parts are damaged or missing in {}: push them again from where they were recorded",
             parts.len(),
             store.place()
         ))),

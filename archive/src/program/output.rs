@@ -94,7 +94,7 @@ pub(super) struct Verified<'a> {
 
 pub(super) fn verified(line: &Verified<'_>) -> String {
     let state = match line.holding {
-        Holding::Whole => "whole".to_owned(),
+        Holding::Intact => "intact".to_owned(),
         Holding::Damaged { found } => format!("DAMAGED: its SHA-256 is {found}"),
         Holding::Missing => "MISSING".to_owned(),
     };

@@ -25,13 +25,16 @@ fn altered_part_is_found_in_the_store_and_in_the_record() {
     };
     site.record_session("m1", 2);
     site.done(&["push"]);
-    assert_eq!(site.done(&["verify"]).matches(": whole").count(), 2);
+    assert_eq!(site.done(&["verify"]).matches(": intact").count(), 2);
     // in the store
     let stored = site.stored();
     let whole = std::fs::read(&stored[0]).unwrap();
     altered(&stored[0]);
     let error = site.refused(&["verify"], 1);
-    assert!(error.contains("1 of 2 parts are not whole"), "{error}");
+    assert!(
+        error.contains("1 of 2 parts are damaged or missing"),
+        "{error}"
+    );
     assert!(
         String::from_utf8(site.run(&["verify"]).stdout)
             .unwrap()
@@ -80,7 +83,7 @@ fn part_closed_while_it_is_read_waits_for_its_last_rows() {
     );
     assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "0");
     drop(reader);
-    site.fold_journals();
+    site.merge_journals();
     assert!(site.done(&["push"]).contains("m1: archived"));
     site.done(&["verify"]);
 }

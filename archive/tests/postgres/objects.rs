@@ -142,7 +142,7 @@ fn bucket_over_tls_is_trusted_by_its_authority_only() {
     needs::run(Command::new(python).args(["-c", program, &moto.endpoint, &name("ca.pem")]))
         .unwrap();
     assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);
-    assert_eq!(site.done(&["verify"]).matches(": whole").count(), 2);
+    assert_eq!(site.done(&["verify"]).matches(": intact").count(), 2);
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn part_altered_on_its_way_to_a_bucket_is_no_part() {
     assert!(error.contains("cannot reach the store"), "{error}");
     proxy.set(ProxyMode::Open);
     site.done(&["push"]);
-    assert_eq!(site.done(&["verify"]).matches(": whole").count(), 2);
+    assert_eq!(site.done(&["verify"]).matches(": intact").count(), 2);
 }
 
 #[test]
@@ -216,7 +216,7 @@ fn parts_go_to_a_bucket_once_and_come_back() {
     assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "0");
     moto.request("PUT", "/parts", "");
     assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);
-    assert_eq!(site.done(&["verify"]).matches(": whole").count(), 2);
+    assert_eq!(site.done(&["verify"]).matches(": intact").count(), 2);
     // the catalogue is lost: the stored parts are entered again
     server.sql("DELETE FROM tactus.alarm; DELETE FROM tactus.event; DELETE FROM tactus.part");
     assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);

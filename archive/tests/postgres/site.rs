@@ -143,18 +143,18 @@ impl Site {
             add_minute(&self.record(), id, minute);
         }
         writer.close(at(3600), "asked to stop").unwrap();
-        self.fold_journals();
+        self.merge_journals();
     }
 
-    /// Folds the journals of closed parts into their files, as the daemon does every minute: if a part is read while
+    /// Merges the journals of closed parts into their files, as the daemon does every minute: if a part is read while
     /// it is closed, its last rows stay in its journal.
-    pub fn fold_journals(&self) {
-        let is_folded = || {
-            logbook::fold_closed(self.record()).unwrap();
+    pub fn merge_journals(&self) {
+        let is_merged = || {
+            logbook::merge_closed(self.record()).unwrap();
             let mut files = std::fs::read_dir(self.record()).unwrap();
             !files.any(|file| file.unwrap().path().to_string_lossy().ends_with("-wal"))
         };
-        wait_until(is_folded, || "a journal stays".to_owned());
+        wait_until(is_merged, || "a journal stays".to_owned());
     }
 }
 

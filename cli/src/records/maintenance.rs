@@ -29,7 +29,7 @@ pub(crate) fn run(
 /// A line of `sessions verify --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct VerifyLine {
-    whole: bool,
+    intact: bool,
     #[serde(flatten)]
     found: Verified,
 }
@@ -59,10 +59,10 @@ fn verify(
         let found = found?;
         checked += 1;
         let line = VerifyLine {
-            whole: found.findings.is_empty(),
+            intact: found.findings.is_empty(),
             found,
         };
-        broken += u32::from(!line.whole);
+        broken += u32::from(!line.intact);
         printer.record(&line, describe)?;
     }
     match broken {
@@ -105,7 +105,7 @@ fn describe(line: &VerifyLine) -> String {
     let mut text = format!(
         "{}: {}: {} frames in {} part{}, {} gaps, {} explained by an event{}",
         found.session,
-        if line.whole { "whole" } else { "NOT WHOLE" },
+        if line.intact { "intact" } else { "DAMAGED" },
         found.frames,
         found.parts.len(),
         if found.parts.len() == 1 { "" } else { "s" },

@@ -187,7 +187,7 @@ fn sessions_of_the_archive_are_listed_and_filtered() {
     }
     let status = archive.run("record", "berlin.toml", &["archive", "status"]);
     assert!(done(status, &["status"]).contains("1 of 1 closed parts are archived"));
-    assert!(archive.reads(&["archive", "verify"]).contains(": whole"));
+    assert!(archive.reads(&["archive", "verify"]).contains(": intact"));
     archive.refuses("ward.toml", &["sessions", "--site", "berlin"], 2);
     archive.refuses("ward.toml", &["sessions", "--from", "noon"], 2);
 }

@@ -32,7 +32,7 @@ fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
     assert_eq!(message.len(), 1);
     assert_eq!(
         (
-            &message[0]["whole"],
+            &message[0]["intact"],
             &message[0]["frames"],
             &message[0]["session"]
         ),
@@ -42,12 +42,12 @@ fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
     assert_eq!(
         keys,
         [
-            "whole", "session", "parts", "frames", "closed", "gaps", "findings"
+            "intact", "session", "parts", "frames", "closed", "gaps", "findings"
         ]
     );
     let message = done(folder.path(), &["sessions", "verify", "--all"]);
     assert!(
-        message.contains("m20270115_1: whole: 3 frames in 1 part"),
+        message.contains("m20270115_1: intact: 3 frames in 1 part"),
         "{message}"
     );
 
@@ -57,7 +57,7 @@ fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
     assert_eq!(output.status.code(), Some(1));
     let message = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
-        message.contains("NOT WHOLE") && message.contains("header"),
+        message.contains("DAMAGED") && message.contains("header"),
         "{message}"
     );
     assert!(refused(folder.path(), &["sessions", "verify"], 2).contains("SESSIONS"));
@@ -90,7 +90,7 @@ fn verify_of_all_fails_where_a_file_is_no_session_any_more() {
             assert!(message.contains("unreadable"), "{name}: {message}");
             if format.contains(&"--json") {
                 let line = &lines(&message)[0];
-                assert_eq!(line["whole"], false, "{name}: {message}");
+                assert_eq!(line["intact"], false, "{name}: {message}");
                 assert_eq!(line["session"], "m20270115_1", "{name}: {message}");
                 assert_eq!(
                     line["findings"][0]["part"], "m20270115_1",
@@ -120,7 +120,7 @@ fn repair_writes_good_frames_to_new_file_and_keeps_the_old() {
         folder.path(),
         &["sessions", "verify", "m1_repaired", "--json"],
     ));
-    assert_eq!(whole[0]["whole"], true);
+    assert_eq!(whole[0]["intact"], true);
     // the records of the maps are kept too
     done(folder.path(), &["replay", "m1_repaired", "--verify"]);
     let again = refused(folder.path(), &["sessions", "repair", "m1"], 1);

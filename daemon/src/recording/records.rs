@@ -41,7 +41,7 @@ impl Records {
         }
     }
 
-    /// Tidies up after killed daemons: removes empty sessions and folds journals into their sessions. The caller must
+    /// Tidies up after killed daemons: removes empty sessions and merges journals into their sessions. The caller must
     /// hold the folder's lock.
     ///
     /// # Errors

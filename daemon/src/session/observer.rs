@@ -25,7 +25,7 @@ use crate::session::controller::Controller;
 /// Time between two checks.
 const EVERY: Duration = Duration::from_secs(5);
 /// Time between two searches for journals of closed sessions.
-const FOLD_EVERY: Duration = Duration::from_secs(60);
+const MERGE_INTERVAL: Duration = Duration::from_secs(60);
 /// Maximum number of notifications waiting for the command.
 const MESSAGES: usize = 16;
 /// Bytes read from the end of the self-test file to find the last one.
@@ -51,7 +51,7 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     controller.report(None, EventKind::Started, &text).await;
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-    let mut fold_at = tokio::time::Instant::now() + FOLD_EVERY;
+    let mut merge_at = tokio::time::Instant::now() + MERGE_INTERVAL;
     loop {
         let frame = tokio::select! {
             _ = ticks.tick() => None,
@@ -64,9 +64,9 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
         controller.events.catch_up();
         crate::panics::containment::catch_up();
         listener.keep_open(&controller).await;
-        if tokio::time::Instant::now() >= fold_at {
-            fold_journals(&controller).await;
-            fold_at = tokio::time::Instant::now() + FOLD_EVERY;
+        if tokio::time::Instant::now() >= merge_at {
+            merge_journals(&controller).await;
+            merge_at = tokio::time::Instant::now() + MERGE_INTERVAL;
         }
         let health = controller.health().await;
         check_alarms(&controller, &health, &messages).await;
@@ -77,14 +77,14 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     }
 }
 
-/// Folds the journals of closed sessions into their files. A journal remains if a program was reading the session when
+/// Merges the journals of closed sessions into their files. A journal remains if a program was reading the session when
 /// it was closed; the file is complete, and can be archived, only without it.
-async fn fold_journals(controller: &Arc<Controller>) {
+async fn merge_journals(controller: &Arc<Controller>) {
     let directory = controller.runtime().setup.record_directory.clone();
-    let folded = tokio::task::spawn_blocking(move || logbook::fold_closed(directory)).await;
-    match folded {
-        Ok(Ok(folded)) => {
-            for path in folded {
+    let merged = tokio::task::spawn_blocking(move || logbook::merge_closed(directory)).await;
+    match merged {
+        Ok(Ok(merged)) => {
+            for path in merged {
                 tracing::info!(
                     "{} is complete: no program reads it any more",
                     path.display()

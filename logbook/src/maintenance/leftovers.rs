@@ -1,4 +1,4 @@
-//! Removes what a killed writer left in a folder without a writer: deletes files without a session, and folds the
+//! Removes what a killed writer left in a folder without a writer: deletes files without a session, and merges the
 //! journals of sessions that are closed or continued elsewhere into their files.
 
 use std::path::{Path, PathBuf};
@@ -19,8 +19,8 @@ use crate::{Index, LogbookError, SessionReader, schema};
 pub struct TidyReport {
     /// Files without a session: their writer was killed before the header was on disk.
     pub removed: Vec<PathBuf>,
-    /// Sessions whose journal was folded in.
-    pub folded: Vec<PathBuf>,
+    /// Sessions whose journal was merged into their file.
+    pub merged: Vec<PathBuf>,
     /// Errors of the files that could not be tidied.
     pub refused: Vec<LogbookError>,
 }
@@ -33,13 +33,13 @@ pub fn tidy(dir: impl AsRef<Path>) -> Result<TidyReport, LogbookError> {
     Index::load(dir).tidy()
 }
 
-/// Folds the journals of closed sessions into their files, also while a writer is running: sessions that were closed
+/// Merges the journals of closed sessions into their files, also while a writer is running: sessions that were closed
 /// while a program was reading them. Returns the sessions that are complete now. A session that is still being read,
 /// or cannot be opened, is left unchanged.
 ///
 /// # Errors
 /// The folder cannot be read.
-pub fn fold_closed(dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
+pub fn merge_closed(dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
     let dir = dir.as_ref();
     let names = Names::of(dir, None)?;
     let with_journal = names
@@ -50,7 +50,7 @@ pub fn fold_closed(dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> 
     let is_file =
         |path: &PathBuf| std::fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
     Ok(paths
-        .filter(|path| is_file(path) && matches!(fold(path, Duration::ZERO), Ok(true)))
+        .filter(|path| is_file(path) && matches!(merge(path, Duration::ZERO), Ok(true)))
         .collect())
 }
 
@@ -74,8 +74,8 @@ impl Index {
                 remove(&path);
                 tidied.removed.push(path);
             } else if file.has_wal {
-                match fold(&path, LOCK_WAIT) {
-                    Ok(true) => tidied.folded.push(path),
+                match merge(&path, LOCK_WAIT) {
+                    Ok(true) => tidied.merged.push(path),
                     Ok(false) => {}
                     Err(error) => tidied.refused.push(error),
                 }
@@ -108,11 +108,11 @@ fn is_stub(path: &Path, bytes: u64) -> bool {
     tables.is_ok_and(|tables| tables == 0)
 }
 
-/// Folds the journal of a session that is closed or continued by another part; returns whether it was folded. Waits
+/// Merges the journal of a session that is closed or continued by another part; returns whether it was merged. Waits
 /// up to `wait` for readers.
-fn fold(path: &Path, wait: Duration) -> Result<bool, LogbookError> {
+fn merge(path: &Path, wait: Duration) -> Result<bool, LogbookError> {
     let session = SessionReader::open(path)?;
-    if session.is_folded() {
+    if session.is_merged() {
         // the journal does not belong to this file
         return Ok(false);
     }
@@ -206,7 +206,7 @@ mod tests {
             names(&tidied.removed),
             ["blank.tactus", "empty.tactus", "half.rescue"]
         );
-        assert_eq!(names(&tidied.folded), ["closed.tactus"]);
+        assert_eq!(names(&tidied.merged), ["closed.tactus"]);
         assert!(tidied.refused.is_empty(), "{:?}", tidied.refused);
         assert!(!companion(&path, "-wal").exists());
         assert!(dir.join("notes.tactus").exists());
@@ -214,7 +214,7 @@ mod tests {
         assert_eq!(whole.closed().unwrap().reason, "done");
         SessionWriter::resume(&goes_on).unwrap();
         let again = tidy(dir).unwrap();
-        assert!(again.removed.is_empty() && again.folded.is_empty());
+        assert!(again.removed.is_empty() && again.merged.is_empty());
     }
 
     #[test]
@@ -232,17 +232,17 @@ mod tests {
         closed.close(at, "done").unwrap();
         let running = begun("running");
         assert!(companion(&path, "-wal").exists());
-        assert!(fold_closed(dir).unwrap().is_empty(), "it is read");
-        assert!(!SessionReader::open(&path).unwrap().is_folded());
+        assert!(merge_closed(dir).unwrap().is_empty(), "it is read");
+        assert!(!SessionReader::open(&path).unwrap().is_merged());
         drop(reader);
-        assert_eq!(fold_closed(dir).unwrap(), std::slice::from_ref(&path));
+        assert_eq!(merge_closed(dir).unwrap(), std::slice::from_ref(&path));
         assert!(!companion(&path, "-wal").exists());
         let whole = SessionReader::open(&path).unwrap();
-        assert!(whole.is_folded());
+        assert!(whole.is_merged());
         assert_eq!(whole.closed().unwrap().reason, "done");
         // a file that has just been made is not taken for a leftover
         assert!(running.path().exists());
         running.close(at, "done").unwrap();
-        assert!(fold_closed(dir).unwrap().is_empty());
+        assert!(merge_closed(dir).unwrap().is_empty());
     }
 }

@@ -60,10 +60,10 @@ impl SessionReader {
                 .unwrap_or(false)
         };
         let opened = opening::open(path, is_closed)?;
-        let folded = opened.mode == JournalMode::Rollback;
+        let merged = opened.mode == JournalMode::Rollback;
         match Self::over(opened.connection, path.to_owned(), opened.mode, ALL_OF_IT) {
             // otherwise the end of the file may be in its journal
-            Err(damaged @ LogbookError::Damaged { .. }) if folded => {
+            Err(damaged @ LogbookError::Damaged { .. }) if merged => {
                 Err(opening::missing_end(path).unwrap_or(damaged))
             }
             found => found,
@@ -165,7 +165,7 @@ impl SessionReader {
     }
 
     /// Whether the file is complete without a journal.
-    pub fn is_folded(&self) -> bool {
+    pub fn is_merged(&self) -> bool {
         self.mode == JournalMode::Rollback
     }
 

@@ -2,7 +2,7 @@
 //!
 //! | the file is | access |
 //! |---|---|
-//! | in rollback mode: closed and folded | `immutable`: no locks, and journals next to it are ignored |
+//! | in rollback mode: closed and merged | `immutable`: no locks, and journals next to it are ignored |
 //! | in WAL mode, its journal empty or missing, or without a header | the same |
 //! | in WAL mode, with journal and index | read-only with a read-only index: sees what its writer has acknowledged |
 //! | in WAL mode, with a journal but no index | the index is built in memory |
@@ -42,7 +42,7 @@ const SQL: i32 = 20_000;
 /// Journal mode according to the file's header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum JournalMode {
-    /// Folded: complete without a journal.
+    /// Merged: complete without a journal.
     Rollback,
     /// The journal next to it is part of it.
     Wal,
@@ -112,7 +112,7 @@ pub(crate) fn open(
     };
     let size = found.len() + std::fs::metadata(&wal).map_or(0, |found| found.len());
     if way != AccessMethod::Immutable && journal.symlink_metadata().is_ok() {
-        // If the closing entry is in the file itself, a power cut interrupted the folding: the file is complete.
+        // If the closing entry is in the file itself, a power cut interrupted the merge: the file is complete.
         let alone = connect(path, &real, AccessMethod::Immutable, size)?;
         if is_closed(&alone) {
             return Ok(Opened {
@@ -133,7 +133,7 @@ pub(crate) fn open(
     Ok(Opened { connection, mode })
 }
 
-/// Opens a folded file that has lost its end; reading a missing page is an error.
+/// Opens a merged file that has lost its end; reading a missing page is an error.
 ///
 /// # Errors
 /// As [`open`].

@@ -97,10 +97,10 @@ impl SessionWriter {
     /// The disk refuses the copy, the file can no longer be read, or it is too large to be copied during a session.
     pub fn rescue(&self) -> Result<PathBuf, LogbookError> {
         if FilePlace::of(&self.path).0[0] == self.place.0[0] {
-            let folded = self
+            let merged = self
                 .connection
                 .query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
-            folded.map_err(|source| {
+            merged.map_err(|source| {
                 LogbookError::writing(&self.path, "merge the journal into", source)
             })?;
             return Ok(self.path.clone());

@@ -40,7 +40,7 @@ use rows::Unwritten;
 pub struct Storage {
     /// Largest number of 512-byte pages; beyond it writes fail as on a full disk. `None` for no limit.
     pub page_limit: Option<u32>,
-    /// Pages in the journal beyond which it is folded into the file; `None` for 4000, which are 2 MB.
+    /// Pages in the journal beyond which it is merged into the file; `None` for 4000, which are 2 MB.
     pub journal_pages: Option<u32>,
 }
 
@@ -297,7 +297,7 @@ impl SessionWriter {
     /// As [`SessionWriter::close`].
     pub fn end(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
         self.mark_closed(at, reason)?;
-        self.fold()
+        self.merge()
     }
 
     fn mark_closed(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
@@ -315,9 +315,9 @@ impl SessionWriter {
         self.check_written()
     }
 
-    /// Folds the journal into the file (SQLite: checkpoint), so that a closed session is a single file.
-    fn fold(&mut self) -> Result<(), LogbookError> {
-        // Fails while there is a reader; the last reader or the next opening then folds the journal.
+    /// Merges the journal into the file (SQLite: checkpoint), so that a closed session is a single file.
+    fn merge(&mut self) -> Result<(), LogbookError> {
+        // Fails while there is a reader; the last reader or the next opening then merges the journal.
         match self
             .connection
             .pragma_update(None, "journal_mode", "DELETE")

@@ -162,8 +162,8 @@ impl SessionWriter {
             let text = format!("{} could not be closed: {refusal}", self.header.id);
             next.event(at, "part-not-closed", &text)?;
         } else {
-            // The closing entry in the journal is valid, whether folded or not.
-            let _ = self.fold();
+            // The closing entry in the journal is valid, whether merged or not.
+            let _ = self.merge();
         }
         Ok(self.switch_to(next))
     }
@@ -176,7 +176,7 @@ impl SessionWriter {
     /// A disk error on the new part too; this writer is unchanged.
     pub fn successor(&mut self, at: DateTime<Utc>, why: &str) -> Result<PathBuf, LogbookError> {
         let next = self.next(at, why)?;
-        // Folding the journal would read it through the same page cache.
+        // Merging the journal would read it through the same page cache.
         let _ = self
             .connection
             .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true);

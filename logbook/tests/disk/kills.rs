@@ -61,7 +61,7 @@ const SEED: &str = "TACTUS_TEST_SEED";
 /// because the test harness prints nothing there.
 fn write(folder: &Path, seed: u64) {
     let mut dice = Dice(seed | 1);
-    // A small journal is folded every few frames, so that some kills interrupt the folding.
+    // A small journal is merged every few frames, so that some kills interrupt the merge.
     let storage = Storage {
         journal_pages: Some(16),
         ..Storage::default()

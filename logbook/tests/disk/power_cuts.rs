@@ -38,7 +38,7 @@ fn header() -> SessionHeader {
     SessionHeader::new("m1", at(0), protocol())
 }
 
-/// Pages of the journal beyond which it is folded into the file: few, so that a short recording includes a folding.
+/// Pages of the journal beyond which it is merged into the file: few, so that a short recording includes a merge.
 const STORAGE: Storage = Storage {
     page_limit: None,
     journal_pages: Some(24),
@@ -98,7 +98,7 @@ impl<'a> Recording<'a> {
     }
 }
 
-/// Records single frames and groups, events, a baseline, several parts, foldings of the journal, and an end.
+/// Records single frames and groups, events, a baseline, several parts, merges of the journal, and an end.
 fn recording(folder: &Path, parts: u64) -> Vec<Step> {
     let mut recording = Recording::begin(folder);
     recording.event();

@@ -96,7 +96,7 @@ fn a_read_only_disk_is_read_and_every_write_is_refused() {
     };
     let before = names();
     let tidied = index.tidy().unwrap();
-    assert!(tidied.removed.is_empty() && tidied.folded.is_empty());
+    assert!(tidied.removed.is_empty() && tidied.merged.is_empty());
     assert_eq!(names(), before);
 }
 

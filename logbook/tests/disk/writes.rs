@@ -10,7 +10,7 @@ use logbook::{MapRecord, SessionHeader, SessionWriter};
 use survey::Baseline;
 
 const FRAMES: u64 = 2500;
-/// Frames with real syncs, which take milliseconds each; enough for at least one folding of the journal.
+/// Frames with real syncs, which take milliseconds each; enough for at least one merge of the journal.
 const FEWER: u64 = 1000;
 /// The smallest unit that a file system writes, bytes.
 const BLOCK: usize = 4096;
@@ -43,7 +43,7 @@ fn record<T>(dir: &Path, digits: Digits, frames: u64, group: u64, begun: impl Fn
     before
 }
 
-/// Bytes that SQLite writes per frame, and bytes of the blocks changed between two syncs. Both include foldings of
+/// Bytes that SQLite writes per frame, and bytes of the blocks changed between two syncs. Both include merges of
 /// the journal and the close.
 fn a_frame_writes(digits: Digits, frames: u64, group: u64) -> (f64, f64) {
     vfs::record();

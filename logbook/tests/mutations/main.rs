@@ -88,7 +88,7 @@ fn written(dir: &Path) -> SessionWriter {
         config_toml: "# a configuration\n".repeat(20),
         ..SessionHeader::new("m1", at(0), protocol())
     };
-    // few pages, so that a part of the session is folded and the rest is in the journal
+    // few pages, so that a part of the session is merged and the rest is in the journal
     let storage = Storage {
         journal_pages: Some(24),
         ..Storage::default()

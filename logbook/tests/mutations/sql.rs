@@ -173,7 +173,7 @@ fn open(path: &Path) -> Connection {
     connection
         .execute_batch("PRAGMA foreign_keys = OFF; PRAGMA ignore_check_constraints = ON")
         .unwrap();
-    // do not fold the journal of an interrupted session
+    // do not merge the journal of an interrupted session
     connection
         .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
         .unwrap();

@@ -262,7 +262,7 @@ fn a_successor_goes_on_behind_what_was_acknowledged() {
     assert_eq!(holds(&left, 1..=7).closed(), None);
     assert!(
         left.with_extension("tactus-wal").exists(),
-        "its journal is not folded in"
+        "its journal is not merged"
     );
 }
 

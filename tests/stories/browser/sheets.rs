@@ -68,7 +68,7 @@ fn an_alarm_of_all_sheets_is_found_and_played() {
     browser
         .until("latest && latest.alarms.some(alarm => alarm.name === 'pressed' && alarm.active)");
     ask(&stage, &["stop"]);
-    // retry, because the page may still read a part while the daemon folds its journal
+    // retry, because the page may still read a part while the daemon merges its journal
     let push = ["archive", "push", "--archive-config", &uploader, "--json"];
     let begun = Instant::now();
     while let Err(fault) = stage.tactus(&push).and_then(|ran| ran.succeeded()) {
