@@ -266,7 +266,7 @@ def test_daemon_that_is_gone_is_an_error(programs, tmp_path):
     assert next(live).sequence == 1
     daemon.process.kill()
     for _ in range(2):
-        with pytest.raises(ConnectionError, match="gone.*connect"):
+        with pytest.raises(ConnectionError, match="stopped.*connect"):
             next(live)
 
 
