@@ -231,9 +231,9 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn relays_of_a_rig_that_returns_at_once_are_reported_open() {
-    let steps = ["alarm", "source-off", "relays-open", "reconnected"];
+    let steps = ["alarm", "relays-open", "reconnected", "resumed"];
     both_links_lost(steps, |rig, kind, _| {
-        // before the first attempt to reconnect, which therefore succeeds
+        // before the first attempt to reconnect, unless the machine is very busy
         if kind == "alarm" {
             rig.set_wire(Instrument::Source, Wire::Sound);
             rig.set_wire(Instrument::Mainframe, Wire::Sound);

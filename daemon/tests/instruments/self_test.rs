@@ -423,13 +423,13 @@ async fn reading_relay_counters_ends_no_fault() {
 async fn relay_counters_that_come_late_do_not_fail_a_frame() {
     let (rig, _server, config) = on_tcp().await;
     let [switch, voltmeter] = ["[switch]\n", "[voltmeter]\n"];
-    let quick = |section| format!("{section}deadline_ms = 500\n");
-    let config = config.replace(switch, &quick(switch));
-    let stage = Stage::new(&config.replace(voltmeter, &quick(voltmeter)));
+    let impatient = |section| format!("{section}deadline_ms = 2000\n");
+    let config = config.replace(switch, &impatient(switch));
+    let stage = Stage::new(&config.replace(voltmeter, &impatient(voltmeter)));
     let daemon = stage.start().await;
     rig.keep_transcript();
     // of the counters, which are the first query of a session
-    let late = simulator::ReplyFault::Late(std::time::Duration::from_millis(800));
+    let late = simulator::ReplyFault::Late(std::time::Duration::from_millis(2500));
     let late = simulator::Fault::Replies(Instrument::Mainframe, late, 1);
     rig.fault(&late).unwrap();
     let session = daemon.baseline(1).await;

@@ -199,15 +199,15 @@ async fn a_rig_of_unknown_state_refuses_each_reload() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_source_never_reached_is_unknown_and_blocks_no_reload() {
     let (_rig, server, config) = on_tcp().await;
-    let config = config.replace("deadline_ms = 2000", "deadline_ms = 200");
     let stage = Stage::new(&config);
     let daemon = stage.start().await;
+    let impatient = config.replace("deadline_ms = 2000", "deadline_ms = 200");
     // a port without a listener, and a port whose listener does not reply
     for listens in [false, true] {
         let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = other.local_addr().unwrap().to_string();
         let _held = listens.then_some(other);
-        stage.configure(&config.replace(&server.ready().source, &address));
+        stage.configure(&impatient.replace(&server.ready().source, &address));
         let text = within(daemon.manager.reload()).await.unwrap();
         assert!(
             text.contains("its rig cannot be reached") && text.contains(&address),
