@@ -54,7 +54,7 @@ pub enum PartError {
     Open(PathBuf),
     /// Its last rows are in a journal next to it.
     #[error("{} is closed, but its last rows are still in a journal next to it (-wal): a running daemon moves them into the file within a minute after the last program has stopped reading it", .0.display())]
-    Unfolded(PathBuf),
+    Unmerged(PathBuf),
     /// The file was renamed or copied.
     #[error("{} holds part {id}: a copy is not archived, the file {id}.tactus is", path.display())]
     OtherName {
@@ -91,7 +91,7 @@ impl Part {
             return Err(PartError::Open(path.to_owned()));
         };
         if !session.is_merged() {
-            return Err(PartError::Unfolded(path.to_owned()));
+            return Err(PartError::Unmerged(path.to_owned()));
         }
         let summary = session.summary().map_err(PartError::Unreadable)?;
         let events = session.events().map_err(PartError::Unreadable)?;
