@@ -251,7 +251,7 @@ async fn a_flood_of_looks_does_not_hold_up_a_stop() {
         println!("stopped after {:.1} ms", 1e3 * took.as_secs_f64());
         stopped.unwrap();
         // one second on an idle machine
-        assert!(took.as_secs() < 60, "{took:?}");
+        assert!(took.as_secs() < 10, "{took:?}");
         assert_eq!(own.frames_failed().await.unwrap(), 0);
         while let Some(look) = within(looks.join_next()).await {
             let look = look.unwrap();

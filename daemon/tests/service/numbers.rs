@@ -71,17 +71,11 @@ async fn options_of(client: &Connection, path: &str, interface: &str, method: &s
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_option_with_any_number_is_refused_by_name_or_taken() {
-    // signals that nobody reads would delay the replies on this connection: their streams are dropped
-    let Measuring {
-        rig: _rig,
-        server: _server,
-        stage: _stage,
-        daemon,
-        session: running,
-        ..
-    } = Measuring::begin().await;
-    let client = &daemon.connection;
-    let session = running.inner().path().to_string();
+    let measuring = Measuring::begin().await;
+    // signals that nobody reads would delay the replies on this connection
+    drop((measuring.happened, measuring.frames));
+    let client = &measuring.daemon.connection;
+    let session = measuring.session.inner().path().to_string();
     let (mut requested, mut names) = (0, 0);
     for (path, interface, method) in [
         (ROOT_PATH, MANAGER_INTERFACE, "StartSession"),
@@ -164,12 +158,12 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
             "{text}"
         );
     }
-    let state = running.state().await.unwrap();
+    let state = measuring.session.state().await.unwrap();
     assert!(
         ["running", "suspended"].contains(&state.as_str()),
         "{state}"
     );
-    within(running.stop()).await.unwrap();
+    within(measuring.session.stop()).await.unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -233,27 +227,21 @@ async fn a_note_of_more_than_four_kilobytes_is_refused() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_reload_with_any_number_leaves_the_session_running() {
-    let Measuring {
-        rig: _rig,
-        server: _server,
-        stage,
-        daemon,
-        session,
-        mut happened,
-        ..
-    } = Measuring::begin().await;
-    let sound = std::fs::read_to_string(stage.config()).unwrap();
+    let mut measuring = Measuring::begin().await;
+    // signals that nobody reads would delay the replies on this connection
+    drop(measuring.frames);
+    let sound = std::fs::read_to_string(measuring.stage.config()).unwrap();
     for value in ["inf", "nan", "1e308", "-1", "5e-324"] {
         let bad = sound.replace("[survey]\n", &format!("[survey]\nnplc = {value}\n"));
         assert_ne!(bad, sound);
-        stage.configure(&bad);
-        daemon.hang_up();
-        let text = reported(&mut happened, "reload-refused").await;
+        measuring.stage.configure(&bad);
+        measuring.daemon.hang_up();
+        let text = reported(&mut measuring.happened, "reload-refused").await;
         assert!(
             text.contains("survey.nplc") && text.contains("none of 0.02"),
             "{text}"
         );
-        let state = session.state().await.unwrap();
+        let state = measuring.session.state().await.unwrap();
         assert!(
             ["running", "suspended"].contains(&state.as_str()),
             "{state}"
