@@ -44,8 +44,9 @@ pub(crate) struct Notices(BTreeMap<String, Notice>);
 
 #[derive(Debug, Default)]
 struct Notice {
-    /// Whether the alarm was active, and neither shelved nor out of service, at the last check.
-    active: bool,
+    /// When the alarm became active, s, if it was active, and neither shelved nor out of service, at the last check.
+    /// With another time, it has ended and begun since then.
+    active_since: Option<f64>,
     /// Whether its beginning was notified, so that its end will be.
     reported: bool,
     /// The cause at the last check at which the alarm was active. If the rule was removed and added again since then,
@@ -73,7 +74,9 @@ impl Notices {
                 notice.set_aside();
                 continue;
             }
-            messages.extend(notice.step(name, now, alarm.state.active, &alarm.state.cause, again));
+            let state = &alarm.state;
+            let since = state.active.then(|| state.changed_s.unwrap_or_default());
+            messages.extend(notice.step(name, now, since, &state.cause, again));
         }
         self.0.retain(|name, notice| {
             let kept = alarms.get(name).is_some();
@@ -93,14 +96,14 @@ impl Notices {
 impl Notice {
     /// The alarm is shelved or out of service, which does not end it: `reported` is kept.
     fn set_aside(&mut self) {
-        self.active = false;
+        self.active_since = None;
     }
 
     fn step(
         &mut self,
         name: &str,
         now: Instant,
-        active: bool,
+        active_since: Option<f64>,
         cause: &str,
         again: Duration,
     ) -> Option<Message> {
@@ -109,8 +112,8 @@ impl Notice {
             phase,
             text,
         };
-        let was_active = std::mem::replace(&mut self.active, active);
-        if !active {
+        let last_since = std::mem::replace(&mut self.active_since, active_since);
+        if active_since.is_none() {
             let reported = std::mem::take(&mut self.reported);
             let last = std::mem::take(&mut self.cause);
             let cause = match cause {
@@ -120,7 +123,7 @@ impl Notice {
             return reported.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
         }
         cause.clone_into(&mut self.cause);
-        if !was_active {
+        if last_since != active_since {
             self.unreported += 1;
             // also for an alarm that is still active when it is unshelved or in service again
             self.reported = false;
@@ -159,7 +162,10 @@ mod tests {
         active: bool,
     ) -> Vec<(Phase, String)> {
         let looks = (0..seconds).map(|second| begin + Duration::from_secs(second));
-        let sent = looks.filter_map(|now| notice.step("disk-days", now, active, "3 days", AGAIN));
+        let sent = looks.filter_map(|now| {
+            let since = active.then_some(0.0);
+            notice.step("disk-days", now, since, "3 days", AGAIN)
+        });
         sent.map(|message| (message.phase, message.text)).collect()
     }
 
@@ -295,5 +301,22 @@ mod tests {
         let ended = (Phase::Ended, "over; it was: 11 kPa".to_owned());
         assert_eq!(text(&alarms, 5), [ended]);
         assert_eq!(text(&alarms, 10), []);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_alarm_that_ends_and_begins_between_two_checks_is_new() {
+        let beyond = || Judgement::Beyond("9 kPa".to_owned());
+        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
+        let mut at = |alarms: &mut Alarms, second, judgement| {
+            check(&mut notices, alarms, begin, second, judgement)
+        };
+        assert_eq!(at(&mut alarms, 0, beyond()), [Phase::Begun]);
+        order(&mut alarms, 1, &Order::Acknowledge);
+        alarms.set_rules(Vec::new());
+        alarms.set_rules(vec![rule()]);
+        // within the time in which a beginning is notified once
+        assert_eq!(at(&mut alarms, 2, beyond()), []);
+        assert_eq!(at(&mut alarms, 61, beyond()), [Phase::Begun]);
+        assert_eq!(at(&mut alarms, 62, beyond()), []);
     }
 }
