@@ -194,7 +194,7 @@ async fn polkit_decides_each_action_of_a_sender_but_not_queries() {
         .await
         .unwrap();
     within(session.step(1)).await.unwrap();
-    session.latest_map().await.unwrap();
+    crate::stage::map_of(&session, 1).await;
     within(session.stop()).await.unwrap();
     scene.manager.open_all().await.unwrap();
     scene.manager.transcript(&none).await.unwrap();

@@ -22,7 +22,7 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
     daemon.baseline(1).await;
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(1)).await.unwrap();
-    let map = session.latest_map().await.unwrap();
+    let map = crate::stage::map_of(&session, 1).await;
 
     let path = session.inner().path().to_string();
     let requested = Command::new("busctl")

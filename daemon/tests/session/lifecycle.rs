@@ -25,7 +25,7 @@ async fn press_is_found_measured_recorded_and_reported() {
     assert_eq!(daemon.manager.state().await.unwrap(), "acquiring");
     assert_eq!(within(session.step(2)).await.unwrap(), 2);
     assert_eq!(session.frames_durable().await.unwrap(), 2);
-    let map = session.latest_map().await.unwrap();
+    let map = crate::stage::map_of(&session, 2).await;
     let geometry = daemon.manager.geometry().await.unwrap();
     assert_eq!(map.mesh_hash, geometry.mesh_hash);
     assert_eq!(map.values.len(), geometry.corners().unwrap().len());
@@ -39,7 +39,7 @@ async fn press_is_found_measured_recorded_and_reported() {
 
     press.release().await.unwrap();
     assert_eq!(within(session.step(1)).await.unwrap(), 3);
-    let empty = session.latest_map().await.unwrap();
+    let empty = crate::stage::map_of(&session, 3).await;
     let largest = |map: &dbus::LatestMap| map.more.largest_loss.unwrap_or(0.0);
     assert!(
         largest(&empty) < 0.1 * largest(&map),

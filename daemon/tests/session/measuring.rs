@@ -89,7 +89,7 @@ async fn a_session_can_have_a_pattern_of_its_own() {
     let session = daemon.start(pattern().with("step", true)).await;
     assert_eq!(within(session.step(1)).await.unwrap(), 1);
     assert_eq!(session.latest_frame().await.unwrap().volts.len(), readings);
-    let map = session.latest_map().await.unwrap();
+    let map = crate::stage::map_of(&session, 1).await;
     assert!(map.values.iter().all(|value| value.is_finite()));
     within(session.stop()).await.unwrap();
     let file = session.path().await.unwrap();

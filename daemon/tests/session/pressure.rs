@@ -20,7 +20,7 @@ async fn a_calibrated_method_reports_newtons() {
     daemon.baseline(2).await;
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(1)).await.unwrap();
-    let map = session.latest_map().await.unwrap();
+    let map = crate::stage::map_of(&session, 1).await;
     assert_eq!(map.unit, "relative change of conductance");
     assert_eq!(map.more.newtons, None);
     match session.latest_pressure().await.unwrap_err() {
@@ -63,7 +63,7 @@ async fn a_calibrated_method_reports_newtons() {
     let mut plain = opened(&session, Options::new()).await;
     within(session.step(1)).await.unwrap();
     let (map, pressure) = (
-        session.latest_map().await.unwrap(),
+        crate::stage::map_of(&session, 1).await,
         session.latest_pressure().await.unwrap(),
     );
     assert_eq!(pressure.sequence, map.sequence);

@@ -257,6 +257,20 @@ pub async fn within<T>(future: impl Future<Output = T>) -> T {
         .expect("nothing takes that long")
 }
 
+/// The map of a frame. On a busy machine it can come after the frame.
+pub async fn map_of(session: &Session1Proxy<'_>, sequence: u64) -> dbus::LatestMap {
+    within(async {
+        loop {
+            match session.latest_map().await {
+                Ok(map) if map.sequence == sequence => return map,
+                Ok(_) | Err(dbus::Fault::NoFrame(_)) => tokio::task::yield_now().await,
+                Err(refused) => panic!("{refused:?}"),
+            }
+        }
+    })
+    .await
+}
+
 /// Waits for the end of a session. The common timeout applies from frame to frame, because a busy machine is slow.
 pub async fn ended(session: &Session1Proxy<'_>) -> Result<String, dbus::Fault> {
     let mut frames = session.frames_durable().await.unwrap();
