@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use rig::{AcquireError, Clock, InjectionSink, Stop};
+use rig::{AcquireError, Clock, InjectionSink, Stop, acquire_reporting};
 use survey::{Baseline, Frame, Plan, RangeRule, Reading};
 
 use crate::events::kind::EventKind;
@@ -60,11 +60,11 @@ impl Measuring {
                 .is_none_or(|(_, served)| *served >= every)
         {
             let at_zero = plan.at_zero_current();
-            let zero = rig.acquire(&at_zero, meter, clock, stop, None).await?;
+            let zero = acquire_reporting(rig, &at_zero, meter, clock, stop, None).await?;
             self.events.push((EventKind::Zero, reported(&zero)));
             self.zero = Some((zero, 0));
         }
-        let frame = rig.acquire(plan, meter, clock, stop, injections).await?;
+        let frame = acquire_reporting(rig, plan, meter, clock, stop, injections).await?;
         Ok(self.corrected(frame))
     }
 

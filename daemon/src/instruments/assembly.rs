@@ -1,6 +1,9 @@
 //! Assembles a rig from addresses: connects, identifies every instrument, and leaves the source off and verified.
 
-use rig::{CleanupError, RigError, RingTranscript, StartError, name_relays};
+use rig::{
+    CleanupError, RigError, RingTranscript, StartError, check_at_start, name_relays, prepare,
+    safe_off,
+};
 use survey::printable_within;
 
 use crate::instruments::address::InstrumentAddress;
@@ -171,7 +174,7 @@ pub(crate) async fn assemble(
     }
     others.check(plan).map_err(AssemblyError::Wiring)?;
     let rig = others.with_source(source, simulated);
-    let closed = match rig.check_at_start(wiring).await {
+    let closed = match check_at_start(&rig, wiring).await {
         Ok(()) => None,
         Err(closed @ StartError::Closed(_)) => Some(closed.to_string()),
         Err(StartError::Unreadable(cause)) => {
@@ -184,10 +187,11 @@ pub(crate) async fn assemble(
     };
     let closed = closed.filter(|_| when_closed == OnClosedRelays::Refuse);
     if closed.is_none() {
-        rig.safe_off(wiring).await.map_err(AssemblyError::Unsafe)?;
-        rig.prepare(&plan.plan, plan.meter)
+        safe_off(&rig, wiring)
             .await
-            .map_err(AssemblyError::Settings)?;
+            .map_err(AssemblyError::Unsafe)?;
+        let prepared = prepare(&mut *rig.lock().await, &plan.plan, plan.meter).await;
+        prepared.map_err(AssemblyError::Settings)?;
     }
     Ok(Assembled {
         rig,

@@ -201,10 +201,7 @@ pub(crate) mod tests {
             tokio::spawn(async move {
                 let (clock, not_resumed) = (SystemClock::new(), Stop::never());
                 let (plan, meter) = (&own.plan, own.meter);
-                assembled
-                    .rig
-                    .acquire(plan, meter, clock, &not_resumed, None)
-                    .await
+                rig::acquire(&assembled.rig, plan, meter, clock, &not_resumed).await
             });
             current_flows(&sheet).await;
             sheet.keep_transcript();

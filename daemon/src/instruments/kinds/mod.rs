@@ -3,25 +3,20 @@
 //! `instruments`.
 
 mod connection;
-mod multiplexer;
+mod gpiochip;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use gpio_mux::GpioMux;
+use gpio_mux::{CharacterDevice, GpioBoard, GpioMux};
 use keithley_6221::Keithley6221;
 use keysight_34980a::{Keysight34980a, Module};
-use rig::{
-    AcquireError, BoxStream, CleanupError, Clock, CurrentSource, FoundRelay, InjectionSink,
-    MeterSettings, Rig, RigError, StartError, Stop, Switch, acquire_reporting, check_at_start,
-    find_closed, safe_off,
-};
-use self_test::{Measured, ProbeError, Request, probe};
-use survey::{Frame, Limits, Plan, Relay, Sensing, Timing, Wiring, duration};
+use rig::{BoxStream, CurrentSource, FoundRelay, Move, Rig, RigError, Switch, find_closed};
+use self_test::{Measured, ProbeError, Request};
+use survey::{Limits, Relay, Sensing, Timing, Wiring, duration};
 
 use crate::instruments::address::InstrumentAddress;
 pub(crate) use crate::instruments::kinds::connection::{ConnectError, Connector};
-use crate::instruments::kinds::multiplexer::Multiplexer;
 use crate::instruments::rig_plan::RigPlan;
 
 // Ranges and integration times of the voltmeter. Other modules take them from here, so that they name no model.
@@ -147,12 +142,12 @@ async fn connect_mainframe(by: Connector<'_>) -> Result<Mainframe, ConnectError>
     Keysight34980a::connect(link).await.map_err(place.fault())
 }
 
-async fn connect_board(by: Connector<'_>) -> Result<Multiplexer, ConnectError> {
+async fn connect_board(by: Connector<'_>) -> Result<AnySwitch, ConnectError> {
     let place = by.switch();
     if let InstrumentAddress::Gpiochip { path, first } = place.address {
         let electrodes = by.plan.plan.wiring.electrodes;
         let enable = by.plan.instruments.enable;
-        let board = Multiplexer::on_gpiochip(path, *first, enable, electrodes);
+        let board = gpiochip::board_on(path, *first, enable, electrodes);
         return board.map_err(place.fault());
     }
     let mut stream = by.open(place, &BOARD).await?;
@@ -162,26 +157,83 @@ async fn connect_board(by: Connector<'_>) -> Result<Multiplexer, ConnectError> {
     }
     let link = by.link(stream, place, &BOARD);
     let board = GpioMux::connect(link).await.map_err(place.fault())?;
-    Ok(Multiplexer::Serial(board))
+    Ok(AnySwitch::Serial(board))
+}
+
+/// The switch of a rig.
+// one value, which is moved into its rig immediately
+#[allow(clippy::large_enum_variant)]
+pub(crate) enum AnySwitch {
+    Mainframe(Mainframe),
+    /// A multiplexer board on a serial line.
+    Serial(GpioMux<BoxStream>),
+    /// A multiplexer board on a gpiochip.
+    Lines(GpioBoard<CharacterDevice>, String),
+}
+
+impl AnySwitch {
+    /// The reply to `*IDN?`; for a gpiochip, which has no identity, the path of the chip.
+    pub(crate) fn identity(&self) -> &str {
+        match self {
+            Self::Mainframe(mainframe) => mainframe.identity(),
+            Self::Serial(board) => board.identity(),
+            Self::Lines(_, identity) => identity,
+        }
+    }
+}
+
+/// Evaluates an expression with the switch, for each variant.
+macro_rules! with {
+    ($any:expr, $switch:ident => $expression:expr) => {
+        match $any {
+            AnySwitch::Mainframe($switch) => $expression,
+            AnySwitch::Serial($switch) => $expression,
+            AnySwitch::Lines($switch, _) => $expression,
+        }
+    };
+}
+
+impl Switch for AnySwitch {
+    async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
+        with!(self, switch => switch.move_relays(moves).await)
+    }
+
+    async fn settle(&mut self) -> Result<(), RigError> {
+        with!(self, switch => switch.settle().await)
+    }
+
+    async fn closed(&mut self, relays: &[Relay]) -> Result<Vec<bool>, RigError> {
+        with!(self, switch => switch.closed(relays).await)
+    }
+
+    async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
+        with!(self, switch => switch.open_verified(relays).await)
+    }
+
+    async fn closed_before_opening(
+        &mut self,
+        requested: &[Relay],
+        relays: &[Relay],
+    ) -> Result<Vec<bool>, RigError> {
+        with!(self, switch => switch.closed_before_opening(requested, relays).await)
+    }
 }
 
 /// All instruments of a rig except its source.
-// one value, which is moved into its rig immediately
-#[allow(clippy::large_enum_variant)]
-pub(super) enum SwitchAndVoltmeter {
-    /// The mainframe switches and measures.
-    Mainframe(Mainframe),
-    /// The board switches, the mainframe measures.
-    Board(Multiplexer, Mainframe),
+pub(super) struct SwitchAndVoltmeter {
+    switch: AnySwitch,
+    voltmeter: Mainframe,
 }
 
 impl SwitchAndVoltmeter {
     pub(super) async fn connect(by: Connector<'_>) -> Result<Self, ConnectError> {
-        let mainframe = connect_mainframe(by).await?;
-        Ok(match by.plan.has_board() {
-            true => Self::Board(connect_board(by).await?, mainframe),
-            false => Self::Mainframe(mainframe),
-        })
+        let voltmeter = connect_mainframe(by).await?;
+        let switch = match by.plan.has_board() {
+            true => connect_board(by).await?,
+            // the mainframe switches and measures
+            false => AnySwitch::Mainframe(voltmeter.clone()),
+        };
+        Ok(Self { switch, voltmeter })
     }
 
     /// Roles, identities and addresses.
@@ -190,21 +242,20 @@ impl SwitchAndVoltmeter {
         by: Connector<'a>,
     ) -> Vec<(&'static str, &'a str, &'a InstrumentAddress)> {
         let (switch, voltmeter) = (by.switch().address, by.voltmeter().address);
-        match self {
-            Self::Mainframe(mainframe) => {
-                vec![("switch+voltmeter", mainframe.identity(), voltmeter)]
-            }
-            Self::Board(board, mainframe) => vec![
+        let measures = self.voltmeter.identity();
+        match &self.switch {
+            AnySwitch::Mainframe(_) => vec![("switch+voltmeter", measures, voltmeter)],
+            board => vec![
                 ("switch", board.identity(), switch),
-                ("voltmeter", mainframe.identity(), voltmeter),
+                ("voltmeter", measures, voltmeter),
             ],
         }
     }
 
     /// The type and serial number of the module in each slot, as reported; none for instruments without slots.
     pub(super) fn slots(&self) -> Vec<(Option<&str>, Option<&str>)> {
-        let (Self::Mainframe(mainframe) | Self::Board(_, mainframe)) = self;
-        let cards = mainframe.cards().iter().zip(mainframe.serials());
+        let cards = self.voltmeter.cards().iter();
+        let cards = cards.zip(self.voltmeter.serials());
         cards
             .map(|(card, serial)| (card.as_deref(), serial.as_deref()))
             .collect()
@@ -212,25 +263,16 @@ impl SwitchAndVoltmeter {
 
     /// Checks that the instruments can execute the plan.
     pub(super) fn check(&self, plan: &RigPlan) -> Result<(), RigError> {
-        match self {
-            Self::Mainframe(mainframe) => mainframe
-                .check_wiring(&plan.plan.wiring)
-                .and_then(|()| mainframe.check_modules(&plan.modules)),
-            Self::Board(..) => Ok(()),
-        }
+        let AnySwitch::Mainframe(mainframe) = &self.switch else {
+            return Ok(());
+        };
+        mainframe.check_wiring(&plan.plan.wiring)?;
+        mainframe.check_modules(&plan.modules)
     }
 
     /// The rig; `simulated` if any of its instruments is.
     pub(super) fn with_source(self, source: Source, simulated: bool) -> AnyRig {
-        match self {
-            Self::Mainframe(mainframe) => {
-                let rig = Rig::new(source, mainframe.clone(), mainframe);
-                AnyRig::Mainframe(rig.as_simulated(simulated))
-            }
-            Self::Board(board, mainframe) => {
-                AnyRig::Board(Rig::new(source, board, mainframe).as_simulated(simulated))
-            }
-        }
+        Rig::new(source, self.switch, self.voltmeter).as_simulated(simulated)
     }
 }
 
@@ -248,87 +290,38 @@ pub(super) async fn open_relays(
     relays: &[Relay],
 ) -> Result<Opened, ConnectError> {
     let wiring = &by.plan.plan.wiring;
-    let (found, opened, identity) = if by.plan.has_board() {
-        let mut board = connect_board(by).await?;
-        let found = find_closed(&mut board, wiring).await;
-        let opened = board.open_verified(relays).await;
-        (found, opened, board.identity().to_owned())
-    } else {
-        let mut mainframe = connect_mainframe(by).await?;
-        let found = find_closed(&mut mainframe, wiring).await;
-        let opened = mainframe.open_verified(relays).await;
-        (found, opened, mainframe.identity().to_owned())
+    let mut switch = match by.plan.has_board() {
+        true => connect_board(by).await?,
+        false => AnySwitch::Mainframe(connect_mainframe(by).await?),
     };
+    let found = find_closed(&mut switch, wiring).await;
+    let opened = switch.open_verified(relays).await;
     opened.map_err(by.switch().fault())?;
+    let identity = switch.identity().to_owned();
     Ok(Opened { found, identity })
 }
 
-/// The supported rigs: one current source, one voltmeter, two kinds of switch.
-pub(crate) enum AnyRig {
-    Mainframe(Rig<Source, Mainframe, Mainframe>),
-    Board(Rig<Source, Multiplexer, Mainframe>),
+/// The supported rigs: one current source, any switch, one voltmeter.
+pub(crate) type AnyRig = Rig<Source, AnySwitch, Mainframe>;
+
+/// Takes all readings of a self-test. The caller must make the rig safe afterwards.
+pub(crate) async fn probe(rig: &AnyRig, mut request: Request<'_>) -> Result<Measured, ProbeError> {
+    let mut held = rig.lock().await;
+    let wiring = &request.plan.wiring;
+    if wiring.sensing == Sensing::Scan && matches!(held.switch, AnySwitch::Mainframe(_)) {
+        request.meter_relays = held.voltmeter.meter_relays(&wiring.measuring_relays());
+    }
+    self_test::probe(&mut held, &request).await
 }
 
-/// Evaluates an expression with the rig, for either variant.
-macro_rules! with {
-    ($any:expr, $rig:ident => $expression:expr) => {
-        match $any {
-            AnyRig::Mainframe($rig) => $expression,
-            AnyRig::Board($rig) => $expression,
-        }
-    };
-}
-
-impl AnyRig {
-    /// Runs the plan once; also sends the readings of each injection to `injections` during the frame.
-    pub(crate) async fn acquire(
-        &self,
-        plan: &Plan,
-        meter: MeterSettings,
-        clock: impl Clock,
-        stop: &Stop,
-        injections: Option<InjectionSink>,
-    ) -> Result<Frame, AcquireError> {
-        with!(self, rig => acquire_reporting(rig, plan, meter, clock, stop, injections).await)
-    }
-
-    /// Source off and relays open, each verified.
-    pub(crate) async fn safe_off(&self, wiring: &Wiring) -> Result<(), CleanupError> {
-        with!(self, rig => safe_off(rig, wiring).await)
-    }
-
-    pub(super) async fn prepare(&self, plan: &Plan, meter: MeterSettings) -> Result<(), RigError> {
-        with!(self, rig => rig::prepare(&mut *rig.lock().await, plan, meter).await)
-    }
-
-    pub(super) async fn check_at_start(&self, wiring: &Wiring) -> Result<(), StartError> {
-        with!(self, rig => check_at_start(rig, wiring).await)
-    }
-
-    /// Takes all readings of a self-test. The caller must make the rig safe afterwards.
-    pub(crate) async fn probe(&self, mut request: Request<'_>) -> Result<Measured, ProbeError> {
-        match self {
-            Self::Mainframe(rig) => {
-                let mut held = rig.lock().await;
-                let wiring = &request.plan.wiring;
-                if wiring.sensing == Sensing::Scan {
-                    request.meter_relays = held.voltmeter.meter_relays(&wiring.measuring_relays());
-                }
-                probe(&mut held, &request).await
-            }
-            Self::Board(rig) => probe(&mut *rig.lock().await, &request).await,
-        }
-    }
-
-    /// The number of closures of each relay; `None` if the instrument does not count them.
-    pub(crate) async fn relay_cycles(
-        &self,
-        relays: &[Relay],
-    ) -> Option<Result<Vec<u64>, RigError>> {
-        match self {
-            Self::Mainframe(rig) => Some(rig.lock().await.voltmeter.relay_cycles(relays).await),
-            Self::Board(_) => None,
-        }
+/// The number of closures of each relay; `None` if the switch does not count them.
+pub(crate) async fn relay_cycles(
+    rig: &AnyRig,
+    relays: &[Relay],
+) -> Option<Result<Vec<u64>, RigError>> {
+    match &rig.lock().await.switch {
+        AnySwitch::Mainframe(mainframe) => Some(mainframe.relay_cycles(relays).await),
+        _ => None,
     }
 }
 

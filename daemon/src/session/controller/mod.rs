@@ -20,7 +20,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
-use rig::{Clock, RingTranscript, SystemClock};
+use rig::{Clock, RingTranscript, SystemClock, safe_off};
 use sd_notify::NotifyState;
 use survey::{Baseline, Settings};
 use tokio::sync::{Notify, OwnedMutexGuard, watch};
@@ -434,8 +434,7 @@ impl Controller {
             FrameSource::Rig {
                 rig: Some(rig),
                 plan,
-            } => rig
-                .safe_off(&plan.plan.wiring)
+            } => safe_off(rig, &plan.plan.wiring)
                 .await
                 .map_err(|error| error.to_string()),
             FrameSource::Rig { rig: None, .. } => {

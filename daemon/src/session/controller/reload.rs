@@ -219,7 +219,7 @@ impl Controller {
         let (source, relays) = self.unknown_parts();
         match rig.take() {
             Some(present) => {
-                if let Err(error) = present.safe_off(&plan.plan.wiring).await {
+                if let Err(error) = rig::safe_off(&present, &plan.plan.wiring).await {
                     let text = error.to_string();
                     self.report_safety(None, Some(&error)).await;
                     self.rig_lost(&text);

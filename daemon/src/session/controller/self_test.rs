@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use chrono::SecondsFormat;
 use dbus::{DiscoverOptions, Discovery, Fault, Options};
-use rig::{Clock, Stop};
+use rig::{Clock, Stop, safe_off};
 use survey::Relay;
 
 use crate::acquisition::task::FrameSource;
@@ -86,7 +86,7 @@ impl Controller {
     /// If that fails, so does the frame, and the rig is recovered in the session.
     async fn resynchronise(&self, plan: &RigPlan) {
         if let FrameSource::Rig { rig: Some(rig), .. } = &*self.source.lock().await
-            && let Err(error) = rig.safe_off(&plan.plan.wiring).await
+            && let Err(error) = safe_off(rig, &plan.plan.wiring).await
         {
             tracing::debug!("before the first frame: {error}");
         }
@@ -190,7 +190,7 @@ impl Controller {
         let Some(held) = rig.as_ref() else {
             return Ok(());
         };
-        let made = held.safe_off(&plan.plan.wiring).await;
+        let made = safe_off(held, &plan.plan.wiring).await;
         made.map_err(|error| {
             // its links may be unsynchronised: the rig is reassembled
             *rig = None;
@@ -244,8 +244,8 @@ impl Controller {
                 stop,
                 progress: &progress,
             };
-            let probed = held.probe(request).await;
-            let safe = held.safe_off(&plan.plan.wiring).await;
+            let probed = kinds::probe(held, request).await;
+            let safe = safe_off(held, &plan.plan.wiring).await;
             if safe.is_err() || matches!(probed, Err(ProbeError::Rig(_))) {
                 *rig = None;
             }
@@ -333,7 +333,7 @@ impl Controller {
                     "the rig cannot be reached; `tactus instruments` shows why".into(),
                 ));
             };
-            rig.relay_cycles(&relays).await
+            kinds::relay_cycles(rig, &relays).await
         };
         let Some(counts) = counts else {
             return Err(Fault::Unsupported(
