@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::stage::{Stage, within};
+use crate::stage::{SMALL, Stage, within};
 use dbus::{Fault, Options};
 use logbook::SessionReader;
 use survey::Protocol;
@@ -106,7 +106,7 @@ async fn a_played_recording_is_recorded_and_can_be_played_again() {
     assert_eq!(within(session.step(5)).await.unwrap(), 5);
     // more frames than available were requested: the session ends with the recording
     assert_eq!(within(session.step(50)).await.unwrap(), 12);
-    let same = session.latest_map().await.unwrap();
+    let same = crate::stage::map_of(&session, 12).await;
     assert_eq!(
         same.values, map.values,
         "the same map from the record, to the bit"
@@ -131,4 +131,17 @@ fn a_wrong_column_count_names_file_and_line() {
             && message.contains("recording.frames"),
         "{message}"
     );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_rig_after_a_recording_has_its_own_last_baseline() {
+    let stage = stage(PLAYED, 4);
+    stage.configure(SMALL);
+    let daemon = stage.start().await;
+    let of_rig = daemon.baseline(2).await.id().await.unwrap();
+    for (config, baseline) in [(PLAYED, "recording"), (SMALL, of_rig.as_str())] {
+        stage.configure(config);
+        within(daemon.manager.reload()).await.unwrap();
+        assert_eq!(daemon.manager.baseline_id().await.unwrap(), baseline);
+    }
 }

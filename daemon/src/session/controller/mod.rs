@@ -264,16 +264,18 @@ impl Controller {
 
     /// Reads the record, and makes its last baseline the current one.
     pub(crate) async fn read_the_record(self: &Arc<Self>) {
-        let controller = Arc::clone(self);
-        let now = self.runtime().clock.wall();
-        let found =
-            tokio::task::spawn_blocking(move || latest_baseline(&controller.records, now)).await;
-        if !self.is_recording()
-            && let Ok(Some(baseline)) = found
-        {
-            self.inner().baseline = Some(Arc::new(baseline));
+        let found = self.last_baseline().await;
+        if !self.is_recording() && found.is_some() {
+            self.inner().baseline = found;
             self.events.publish(&BusEvent::Daemon);
         }
+    }
+
+    /// The last baseline of the record.
+    async fn last_baseline(self: &Arc<Self>) -> Option<Arc<Baseline>> {
+        let (controller, now) = (Arc::clone(self), self.runtime().clock.wall());
+        let found = tokio::task::spawn_blocking(move || latest_baseline(&controller.records, now));
+        found.await.ok().flatten().map(Arc::new)
     }
 
     /// Allows sessions to start, after the record has been read and interrupted sessions have been resumed.

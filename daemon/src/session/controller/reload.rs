@@ -143,6 +143,11 @@ impl Controller {
                 Ok(ExpectedIdentities::default())
             }
             FramesFrom::Rig(plan) => {
+                if old.plan.is_none() {
+                    // the present baseline is the recording's
+                    let last = self.last_baseline().await;
+                    self.inner().baseline = last;
+                }
                 self.inner().rig_is_new |= !same_rig;
                 let expected = self.expected();
                 let expected = expected.filter(|expected| !expected.instruments.is_empty());
