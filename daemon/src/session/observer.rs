@@ -278,6 +278,7 @@ impl Listening {
                 self.listener = Some(listener);
             }
             Err(cause) => {
+                controller.observed.set_metrics(None);
                 let text = format!("metrics cannot be served on {address}: {cause}");
                 controller.events.journal(EventKind::Metrics, &text);
             }

@@ -206,6 +206,23 @@ async fn alarms_of_rules_are_in_the_metrics() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn metrics_that_cannot_be_served_have_no_address() {
+    let with = |address: &str| format!("{SMALL}[metrics]\nlisten = \"{address}\"\n");
+    let stage = Stage::new(&with("127.0.0.1:0"));
+    let daemon = stage.start().await;
+    within(address(&daemon)).await;
+    let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    stage.configure(&with(&other.local_addr().unwrap().to_string()));
+    within(daemon.manager.reload()).await.unwrap();
+    within(async {
+        while health(&daemon).await.metrics.is_some() {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn metrics_are_scraped_and_every_line_is_understood() {
     let with = format!("{SMALL}[metrics]\nlisten = \"127.0.0.1:0\"\n");
     let stage = Stage::new(&with);
