@@ -109,8 +109,10 @@ pub async fn connect(address: Option<&Address>) -> Result<(Connection, Address),
         return Ok((reach(address).await?, address.clone()));
     }
     let (mut tried, mut refused) = (Vec::new(), None);
-    let runtime_directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
-    for address in search_order(runtime_directory) {
+    // an empty variable would make the path relative to the present folder
+    let runtime_directory =
+        std::env::var_os("XDG_RUNTIME_DIR").filter(|directory| !directory.is_empty());
+    for address in search_order(runtime_directory.map(PathBuf::from)) {
         match reach(&address).await {
             Ok(connection) => return Ok((connection, address)),
             Err(busy @ ConnectError::Busy { .. }) => return Err(busy),

@@ -110,7 +110,9 @@ fn press(rig: &SimulatedRig, numbers: &[&str]) -> Result<(), String> {
 
 /// Folder of the sockets of served rigs.
 fn folder() -> PathBuf {
-    std::env::var_os("XDG_RUNTIME_DIR").map_or_else(std::env::temp_dir, PathBuf::from)
+    std::env::var_os("XDG_RUNTIME_DIR")
+        .filter(|directory| !directory.is_empty())
+        .map_or_else(std::env::temp_dir, PathBuf::from)
 }
 
 /// Prefix of the name of a served rig's own folder.
