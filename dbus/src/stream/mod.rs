@@ -158,16 +158,29 @@ pub enum StreamError {
 impl Record {
     /// Encodes the record, with its length.
     pub fn encode(&self) -> Vec<u8> {
-        let (kind, count) = match &self.body {
-            Body::Frame { volts, .. } => (1_u16, volts.len()),
-            Body::Map { values, .. } => (2, values.len()),
-            Body::End { reason } => (3, reason.len()),
-            Body::Pressure { kpa, .. } => (4, kpa.len()),
-            Body::Quality { json } => (5, json.len()),
-            Body::Tracked { json } => (6, json.len()),
-            Body::Quantities { json } => (7, json.len()),
-            Body::Injection { values, .. } => (8, values.len()),
-            Body::Deviation { values, .. } => (9, values.len()),
+        let bytes_of = |text: &str| text.as_bytes().to_vec();
+        // the values, and the bytes after them
+        let (kind, values, rest): (u16, &[f64], Vec<u8>) = match &self.body {
+            Body::Frame { volts, flags } => {
+                let flag = |at: usize| flags.get(at).copied().unwrap_or(3);
+                (1, volts, (0..volts.len()).map(flag).collect())
+            }
+            Body::Map {
+                values,
+                mesh_hash,
+                method,
+            } => (2, values, [counted(mesh_hash), counted(method)].concat()),
+            Body::End { reason } => (3, &[], bytes_of(reason)),
+            Body::Pressure { kpa, newtons } => (4, kpa, newtons.to_le_bytes().to_vec()),
+            Body::Quality { json } => (5, &[], bytes_of(json)),
+            Body::Tracked { json } => (6, &[], bytes_of(json)),
+            Body::Quantities { json } => (7, &[], bytes_of(json)),
+            Body::Injection { values, json } => (8, values, bytes_of(json)),
+            Body::Deviation { values, mesh_hash } => (9, values, bytes_of(mesh_hash)),
+        };
+        let count = match is_text(kind) {
+            true => rest.len(),
+            false => values.len(),
         };
         let mut bytes = vec![0; 4];
         bytes.extend(VERSION.to_le_bytes());
@@ -177,42 +190,8 @@ impl Record {
         bytes.extend(self.gap.to_le_bytes());
         bytes.extend(u32::from(self.simulated).to_le_bytes());
         bytes.extend((count as u32).to_le_bytes());
-        match &self.body {
-            Body::Frame { volts, flags } => {
-                bytes.extend(volts.iter().flat_map(|volts| volts.to_le_bytes()));
-                bytes.extend((0..count).map(|at| flags.get(at).copied().unwrap_or(3)));
-            }
-            Body::Map {
-                values,
-                mesh_hash,
-                method,
-            } => {
-                bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-                for text in [mesh_hash, method] {
-                    let text = &text.as_bytes()[..text.len().min(usize::from(u16::MAX))];
-                    bytes.extend((text.len() as u16).to_le_bytes());
-                    bytes.extend(text);
-                }
-            }
-            Body::End { reason: text }
-            | Body::Quality { json: text }
-            | Body::Tracked { json: text }
-            | Body::Quantities { json: text } => {
-                bytes.extend(text.as_bytes());
-            }
-            Body::Injection { values, json: text }
-            | Body::Deviation {
-                values,
-                mesh_hash: text,
-            } => {
-                bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-                bytes.extend(text.as_bytes());
-            }
-            Body::Pressure { kpa, newtons } => {
-                bytes.extend(kpa.iter().flat_map(|kpa| kpa.to_le_bytes()));
-                bytes.extend(newtons.to_le_bytes());
-            }
-        }
+        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        bytes.extend(rest);
         let length = (bytes.len() - 4) as u32;
         bytes[..4].copy_from_slice(&length.to_le_bytes());
         bytes
@@ -289,68 +268,58 @@ fn decode(record: &[u8]) -> Result<Option<Record>, StreamError> {
     if version != VERSION {
         return Err(StreamError::Version(version));
     }
+    if !(1..=9).contains(&kind) {
+        return Ok(None);
+    }
     let malformed = |what| StreamError::Malformed { sequence, what };
-    let body = &record[HEADER..];
+    let misfit = || malformed("the count does not fit the length");
+    let whole = |bytes: &[u8], what| {
+        String::from_utf8(bytes.to_vec()).map_err(|_| StreamError::Malformed { sequence, what })
+    };
+    let numbers = if is_text(kind) { 0 } else { count * 8 };
+    let (values, rest) = record[HEADER..]
+        .split_at_checked(numbers)
+        .ok_or_else(misfit)?;
+    let expected = match kind {
+        // of any length
+        2 | 8 | 9 => rest.len(),
+        4 => 8,
+        _ => count,
+    };
+    if rest.len() != expected {
+        return Err(misfit());
+    }
+    let values = floats(values);
     let body = match kind {
-        1 => {
-            if body.len() != count * 9 {
-                return Err(malformed("the count does not fit the length"));
-            }
-            Body::Frame {
-                volts: floats(&body[..count * 8]),
-                flags: body[count * 8..].to_vec(),
-            }
-        }
+        1 => Body::Frame {
+            volts: values,
+            flags: rest.to_vec(),
+        },
         2 => {
-            let values = body
-                .get(..count * 8)
-                .ok_or_else(|| malformed("the count does not fit the length"))?;
-            let (mesh_hash, rest) =
-                text(&body[count * 8..]).ok_or_else(|| malformed("the mesh hash"))?;
+            let (mesh_hash, rest) = text(rest).ok_or_else(|| malformed("the mesh hash"))?;
             let (method, rest) = text(rest).ok_or_else(|| malformed("the method"))?;
             if !rest.is_empty() {
                 return Err(malformed("bytes after the method"));
             }
             Body::Map {
-                values: floats(values),
+                values,
                 mesh_hash,
                 method,
             }
         }
-        3 => {
-            if body.len() != count {
-                return Err(malformed("the count does not fit the length"));
-            }
-            Body::End {
-                reason: String::from_utf8(body.to_vec()).map_err(|_| malformed("the reason"))?,
-            }
-        }
-        4 => {
-            if body.len() != (count + 1) * 8 {
-                return Err(malformed("the count does not fit the length"));
-            }
-            let mut kpa = floats(body);
-            let newtons = kpa.pop().unwrap_or(f64::NAN);
-            Body::Pressure { kpa, newtons }
-        }
-        5..=7 => {
-            if body.len() != count {
-                return Err(malformed("the count does not fit the length"));
-            }
-            let json = String::from_utf8(body.to_vec()).map_err(|_| malformed("the text"))?;
+        3 => Body::End {
+            reason: whole(rest, "the reason")?,
+        },
+        4 => Body::Pressure {
+            kpa: values,
+            newtons: number(rest, 0).map_or(f64::NAN, f64::from_le_bytes),
+        },
+        _ => {
+            let text = whole(rest, "the text")?;
             match kind {
-                5 => Body::Quality { json },
-                6 => Body::Tracked { json },
-                _ => Body::Quantities { json },
-            }
-        }
-        8 | 9 => {
-            let (values, text) = body
-                .split_at_checked(count * 8)
-                .ok_or_else(|| malformed("the count does not fit the length"))?;
-            let values = floats(values);
-            let text = String::from_utf8(text.to_vec()).map_err(|_| malformed("the text"))?;
-            match kind {
+                5 => Body::Quality { json: text },
+                6 => Body::Tracked { json: text },
+                7 => Body::Quantities { json: text },
                 8 => Body::Injection { values, json: text },
                 _ => Body::Deviation {
                     values,
@@ -358,7 +327,6 @@ fn decode(record: &[u8]) -> Result<Option<Record>, StreamError> {
                 },
             }
         }
-        _ => return Ok(None),
     };
     Ok(Some(Record {
         sequence,
@@ -378,6 +346,17 @@ fn floats(bytes: &[u8]) -> Vec<f64> {
         .chunks_exact(8)
         .filter_map(|value| number(value, 0).map(f64::from_le_bytes))
         .collect()
+}
+
+/// Whether the body of a record of this kind is one text, whose bytes its count counts.
+fn is_text(kind: u16) -> bool {
+    matches!(kind, 3 | 5..=7)
+}
+
+/// A text after its length, cut at the largest length.
+fn counted(text: &str) -> Vec<u8> {
+    let text = &text.as_bytes()[..text.len().min(usize::from(u16::MAX))];
+    [&(text.len() as u16).to_le_bytes(), text].concat()
 }
 
 fn text(bytes: &[u8]) -> Option<(String, &[u8])> {
