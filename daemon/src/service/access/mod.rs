@@ -2,8 +2,7 @@
 //!
 //! Objects are only served behind [`Guarded`], so a method cannot be forgotten: a method without a row is refused for
 //! all callers. Reading (methods marked [`Action::Observe`], every property) is allowed to every connected caller;
-//! setting a property would need a row in the table of setters, which is empty, because no interface has a writable
-//! property.
+//! no property can be set.
 
 mod table;
 
@@ -23,7 +22,7 @@ use super::polkit;
 use crate::panics::containment;
 use crate::panics::containment::{PanicScope, Panicked, answer};
 pub(super) use table::changes_something;
-use table::{Action, CallClass, method, setter};
+use table::{Action, CallClass, method};
 
 impl Authorizer {
     /// Checks that the sender of a message may perform an action. Results are not cached.
@@ -141,50 +140,30 @@ impl<I: Interface> Interface for Guarded<I> {
             .unwrap_or_else(|panicked| Err(fdo::Error::Failed(panicked.to_string())))
     }
 
+    // No interface has a writable property. The default of zbus would wait for the write lock of the object, which
+    // `Session1.Wait` holds for reading.
     fn set<'call>(
         &'call self,
-        property_name: &'call str,
-        value: &'call Variant<'_>,
-        server: &'call ObjectServer,
-        connection: &'call Connection,
-        header: Option<&'call Header<'_>>,
-        emitter: &'call SignalEmitter<'_>,
+        _: &'call str,
+        _: &'call Variant<'_>,
+        _: &'call ObjectServer,
+        _: &'call Connection,
+        _: Option<&'call Header<'_>>,
+        _: &'call SignalEmitter<'_>,
     ) -> DispatchResult<'call> {
-        let set = self
-            .object
-            .set(property_name, value, server, connection, header, emitter);
-        let DispatchResult::Async(set) = set else {
-            return set;
-        };
-        let action = setter(&I::name(), property_name);
-        DispatchResult::Async(Box::pin(async move {
-            admit_setter(&self.gate, connection, header, action, property_name)
-                .await
-                .map_err(boxed)?;
-            flatten_panic(answer(PanicScope::Session, set).await)
-        }))
+        DispatchResult::NotFound
     }
 
     async fn set_mut(
         &mut self,
-        property_name: &str,
-        value: &Variant<'_>,
-        server: &ObjectServer,
-        connection: &Connection,
-        header: Option<&Header<'_>>,
-        emitter: &SignalEmitter<'_>,
+        _: &str,
+        _: &Variant<'_>,
+        _: &ObjectServer,
+        _: &Connection,
+        _: Option<&Header<'_>>,
+        _: &SignalEmitter<'_>,
     ) -> Option<Result<(), BoxDBusError>> {
-        let action = setter(&I::name(), property_name);
-        let admitted = admit_setter(&self.gate, connection, header, action, property_name).await;
-        if let Err(error) = admitted {
-            return Some(Err(boxed(error)));
-        }
-        let set = self
-            .object
-            .set_mut(property_name, value, server, connection, header, emitter);
-        answer(PanicScope::Session, set)
-            .await
-            .unwrap_or_else(|panicked| Some(Err(boxed(panicked.into()))))
+        None
     }
 
     fn call<'call>(
@@ -278,22 +257,6 @@ fn serve_admitted<'call, I: Interface>(
 /// Converts a caught panic to an error reply.
 fn flatten_panic(answered: Result<Result<(), BoxDBusError>, Panicked>) -> Result<(), BoxDBusError> {
     answered.unwrap_or_else(|panicked| Err(boxed(panicked.into())))
-}
-
-/// Checks that the sender of a message may set a property.
-async fn admit_setter(
-    gate: &Gate,
-    connection: &Connection,
-    header: Option<&Header<'_>>,
-    action: Option<Action>,
-    what: &str,
-) -> Result<(), Fault> {
-    let left = || Fault::NotAuthorized(format!("{what}: its sender has disconnected"));
-    let header = header.ok_or_else(left)?;
-    let client = gate.client(connection, header).await?.ok_or_else(left)?;
-    gate.authorizer
-        .admit(connection, header, &client, action, what)
-        .await
 }
 
 fn boxed(error: Fault) -> BoxDBusError {

@@ -117,9 +117,6 @@ pub(super) const METHODS: &[(&str, &str, Action, CallClass)] = &[
     (SIMULATION, "Release", Action::Instruments, Command),
 ];
 
-/// Every writable property, and its action. The policy of the bus does not cover `Properties.Set`.
-pub(super) const SETTERS: &[(&str, &str, Action)] = &[];
-
 pub(super) fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, CallClass)> {
     METHODS
         .iter()
@@ -132,11 +129,4 @@ pub(in crate::service) fn changes_something(interface: &str, member: &str) -> bo
     METHODS.iter().any(|(of, named, action, _)| {
         *of == interface && *named == member && *action != Action::Observe
     })
-}
-
-pub(super) fn setter(interface: &InterfaceName<'_>, member: &str) -> Option<Action> {
-    SETTERS
-        .iter()
-        .find(|(of, named, _)| *of == interface.as_str() && *named == member)
-        .map(|(_, _, action)| *action)
 }

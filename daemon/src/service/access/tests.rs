@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use dbus::MANAGER_INTERFACE;
 
-use super::table::{METHODS, SETTERS};
+use super::table::METHODS;
 use super::*;
 
 /// Names of all `element`s whose tag contains `containing`.
@@ -29,7 +29,7 @@ fn rows<'a>(
 }
 
 #[test]
-fn every_method_and_every_property_to_set_has_its_row() {
+fn every_method_has_its_row_and_no_property_can_be_set() {
     let mut methods = BTreeSet::new();
     let mut setters = BTreeSet::new();
     for (interface, xml) in dbus::INTERFACE_XML {
@@ -47,8 +47,8 @@ fn every_method_and_every_property_to_set_has_its_row() {
     assert!(methods.contains(&(MANAGER_INTERFACE, "OpenAll")));
     let in_table = METHODS.iter().map(|(of, member, ..)| (*of, *member));
     assert_eq!(methods, rows(in_table));
-    let in_table = SETTERS.iter().map(|(of, member, _)| (*of, *member));
-    assert_eq!(setters, rows(in_table));
+    // the check in front of the objects refuses every setter
+    assert!(setters.is_empty(), "{setters:?}");
     // checks that the XML parser finds a writable property if there is one
     let xml = "<property name=\"A\" type=\"s\" access=\"readwrite\"/><property name=\"B\" access=\"read\"/>";
     assert_eq!(named(xml, "property", "write"), ["A"]);
@@ -65,7 +65,6 @@ fn every_checked_action_is_declared_to_polkit() {
     let requested: BTreeSet<&str> = METHODS
         .iter()
         .map(|(_, _, action, _)| action)
-        .chain(SETTERS.iter().map(|(_, _, action)| action))
         .filter_map(|action| action.id())
         .collect();
     assert_eq!(declared, requested);
