@@ -41,9 +41,14 @@ impl Alarms1 {
         #[zbus(connection)] connection: &Connection,
         #[zbus(header)] header: Header<'_>,
     ) -> Result<(), Fault> {
-        let comment = comment(&options)?;
-        self.order(name, Order::Acknowledge, &comment, connection, &header)
-            .await
+        self.order(
+            name,
+            Order::Acknowledge,
+            comment(&options)?,
+            connection,
+            &header,
+        )
+        .await
     }
 
     /// Shelves the alarm: no notifications for a time; it is still evaluated and recorded. Options: `for_s` (d; if absent, until the
@@ -58,7 +63,7 @@ impl Alarms1 {
         let options: ShelveOptions = option_values::read(&options, |_| None)?;
         let order = options.for_s.map_or(Order::ShelveOnce, Order::Shelve);
         let comment = options.comment.unwrap_or_default();
-        self.order(name, order, &comment, connection, &header).await
+        self.order(name, order, comment, connection, &header).await
     }
 
     /// Unshelves the alarm: it sends notifications again. Options: `comment` (s).
@@ -69,9 +74,14 @@ impl Alarms1 {
         #[zbus(connection)] connection: &Connection,
         #[zbus(header)] header: Header<'_>,
     ) -> Result<(), Fault> {
-        let comment = comment(&options)?;
-        self.order(name, Order::Unshelve, &comment, connection, &header)
-            .await
+        self.order(
+            name,
+            Order::Unshelve,
+            comment(&options)?,
+            connection,
+            &header,
+        )
+        .await
     }
 
     /// Ends a latched alarm whose condition is gone. Options: `comment` (s).
@@ -82,8 +92,7 @@ impl Alarms1 {
         #[zbus(connection)] connection: &Connection,
         #[zbus(header)] header: Header<'_>,
     ) -> Result<(), Fault> {
-        let comment = comment(&options)?;
-        self.order(name, Order::Reset, &comment, connection, &header)
+        self.order(name, Order::Reset, comment(&options)?, connection, &header)
             .await
     }
 
@@ -96,12 +105,12 @@ impl Alarms1 {
         #[zbus(connection)] connection: &Connection,
         #[zbus(header)] header: Header<'_>,
     ) -> Result<(), Fault> {
-        let comment = comment(&options)?;
         let order = match in_service {
             true => Order::InService,
             false => Order::OutOfService,
         };
-        self.order(name, order, &comment, connection, &header).await
+        self.order(name, order, comment(&options)?, connection, &header)
+            .await
     }
 }
 
@@ -110,18 +119,21 @@ impl Alarms1 {
         &self,
         name: &str,
         order: Order,
-        comment: &str,
+        comment: String,
         connection: &Connection,
         header: &Header<'_>,
     ) -> Result<(), Fault> {
         let by = self.1.caller_words(connection, header).await?;
-        let ordered = self.0.order_alarm(name, order, &by, comment).await;
-        ordered.map_err(|refused| match refused {
+        let at_s = imaging::tracking::seconds(self.0.runtime().clock.wall());
+        let ordered = self.0.alarms.order(name, at_s, order, &by, &comment).await;
+        let changes = ordered.map_err(|refused| match refused {
             Refused::NoAlarm { .. } | Refused::ShelfTime => {
                 Fault::InvalidOption(refused.to_string())
             }
             _ => Fault::Failed(refused.to_string()),
-        })
+        })?;
+        self.0.report_changes(changes);
+        Ok(())
     }
 }
 
@@ -153,25 +165,5 @@ fn report(alarm: &Alarm, shown: &Shown) -> AlarmReport {
         out_of_service: state.out_of_service.as_ref().map(alarms::Note::text),
         acknowledged_by: state.acknowledgement.as_ref().map(alarms::Note::text),
         guidance: rule.and_then(|rule| some(&rule.guidance)),
-    }
-}
-
-impl Controller {
-    /// Carries out an operator's order on an alarm, and reports it.
-    ///
-    /// # Errors
-    /// There is no such alarm, or its state does not allow the order.
-    pub(crate) async fn order_alarm(
-        &self,
-        name: &str,
-        order: Order,
-        by: &str,
-        comment: &str,
-    ) -> Result<(), Refused> {
-        let now = self.runtime().clock.wall();
-        let at_s = imaging::tracking::seconds(now);
-        let changes = self.alarms.order(name, at_s, order, by, comment).await?;
-        self.report_changes(changes);
-        Ok(())
     }
 }
