@@ -51,9 +51,7 @@ impl ArchiveSection {
             &mut self.store_keys_file,
             &mut self.store_ca,
         ];
-        for path in given.into_iter().flatten() {
-            *path = folder.join(&*path);
-        }
+        crate::join(folder, given);
         if !self.store.is_empty() && self.bucket().is_none() {
             self.store = folder.join(&self.store).to_string_lossy().into_owned();
         }

@@ -258,28 +258,17 @@ pub struct AboutSection {
     pub calibration: String,
 }
 
-/// `[bus]`: the daemon's D-Bus connections.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct BusSection {
-    /// Whether a unix socket is served.
-    pub peer: bool,
-    /// Its path.
-    pub peer_path: Option<PathBuf>,
-    /// Whether the session bus is served.
-    pub session: bool,
-    /// Whether the system bus is served.
-    pub system: bool,
-}
-
-impl Default for BusSection {
-    fn default() -> Self {
-        Self {
-            peer: true,
-            peer_path: None,
-            session: false,
-            system: false,
-        }
+section! {
+    /// `[bus]`: the daemon's D-Bus connections.
+    BusSection, "bus" {
+        /// Whether a unix socket is served.
+        peer: bool = true;
+        /// Its path.
+        peer_path: Option<PathBuf>;
+        /// Whether the session bus is served.
+        session: bool;
+        /// Whether the system bus is served.
+        system: bool;
     }
 }
 
@@ -316,16 +305,9 @@ impl Config {
             &mut self.record.directory,
             &mut self.bus.peer_path,
         ];
-        for path in paths.into_iter().flatten() {
-            *path = folder.join(&*path);
-        }
+        join(folder, paths);
         if let Some(recording) = &mut self.recording {
-            for path in [&mut recording.session, &mut recording.case]
-                .into_iter()
-                .flatten()
-            {
-                *path = folder.join(&*path);
-            }
+            join(folder, [&mut recording.session, &mut recording.case]);
             if let Some(case) = &recording.case {
                 if let Some(frames) = &mut recording.frames {
                     *frames = case.join(&*frames);
@@ -350,12 +332,7 @@ impl Config {
             archive.resolve(folder);
         }
         if let Some(mqtt) = &mut self.mqtt {
-            for path in [&mut mqtt.ca, &mut mqtt.password_file]
-                .into_iter()
-                .flatten()
-            {
-                *path = folder.join(&*path);
-            }
+            join(folder, [&mut mqtt.ca, &mut mqtt.password_file]);
         }
         self.record
             .directory
@@ -370,6 +347,13 @@ impl Config {
     pub fn runtime_directory(&self) -> PathBuf {
         let peer = self.bus.peer_path.clone().unwrap_or_else(default_peer_path);
         peer.parent().map_or_else(PathBuf::new, Path::to_owned)
+    }
+}
+
+/// Resolves paths against `folder`.
+pub(crate) fn join<const N: usize>(folder: &Path, paths: [&mut Option<PathBuf>; N]) {
+    for path in paths.into_iter().flatten() {
+        *path = folder.join(&*path);
     }
 }
 

@@ -7,8 +7,8 @@ use toml::de::{DeTable, DeValue};
 pub use crate::bounds::COUNT;
 use crate::bounds::FOR_S;
 use crate::{
-    ArchiveSection, MqttSection, NotifySection, RecordSection, RecordingSection, RelayWearSection,
-    ScheduleSection, SurveySection, WiringSection,
+    ArchiveSection, BusSection, MqttSection, NotifySection, RecordSection, RecordingSection,
+    RelayWearSection, ScheduleSection, SurveySection, WiringSection,
 };
 
 const ANSWER_MS: Bounds = Within(1.0, 600e3);
@@ -90,6 +90,7 @@ pub fn keys() -> impl Iterator<Item = (&'static str, Bounds)> {
         SurveySection::BOUNDS,
         OTHERS,
         RecordSection::BOUNDS,
+        BusSection::BOUNDS,
         ScheduleSection::BOUNDS,
         RelayWearSection::BOUNDS,
         NotifySection::BOUNDS,
