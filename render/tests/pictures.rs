@@ -313,6 +313,33 @@ fn a_colour_terminal_is_left_as_it_was_found() {
 }
 
 #[test]
+fn text_from_outside_cannot_act_on_the_terminal() {
+    let (sheet, map) = scene();
+    let map = Map {
+        method: "\u{1b}[31mmodel".into(),
+        ..map
+    };
+    let wanted = TerminalStyle {
+        colour: TerminalColour::Plain,
+        style: Style {
+            title: "frame \u{1b}[2J\r\u{202e}".into(),
+            ..style()
+        },
+        ..TerminalStyle::default()
+    };
+    let text = render::terminal(&sheet, &map, &wanted).unwrap();
+    assert!(
+        text.is_ascii() && !text.contains(['\u{1b}', '\r']),
+        "{text:?}"
+    );
+    assert!(
+        text.starts_with("frame \\u{1b}[2J\\r\\u{202e}  [SIM"),
+        "{text}"
+    );
+    assert!(text.contains("\\u{1b}[31mmodel"), "{text}");
+}
+
+#[test]
 fn a_map_of_another_sheet_and_a_scale_that_is_none_are_refused() {
     let (sheet, map) = scene();
     let mut short = map.clone();

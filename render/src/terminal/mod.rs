@@ -2,7 +2,7 @@
 
 mod cells;
 
-use survey::{HotSpot, Map};
+use survey::{HotSpot, Map, printable};
 
 use cells::{Canvas, Ink, MARGIN, fitting, scale_cells, written};
 pub use cells::{CellColour, TerminalCell, TerminalMap, TerminalScale, terminal_map};
@@ -129,9 +129,10 @@ fn head(text: &mut String, map: &Map, style: &Style, ink: Ink) {
             (true, TerminalColour::Plain) => "  [SIMULATED]".into(),
             (true, _) => "  \u{1b}[1;97;48;5;130m SIMULATED \u{1b}[0m".into(),
         };
-        line(text, &format!("{}{simulated}", style.title));
+        // a title may name a frame of a file, and a caption a method from one
+        line(text, &format!("{}{simulated}", printable(&style.title)));
     }
-    line(text, &crate::chart::caption(map, style));
+    line(text, &printable(&crate::chart::caption(map, style)));
 }
 
 fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) {

@@ -5,7 +5,7 @@ use std::io::Write;
 use chrono::{DateTime, SecondsFormat};
 use dbus::stream::{Body, Record};
 use imaging::tracking::AfterInjection;
-use survey::{Map, MapUnit};
+use survey::{Map, MapUnit, printable_lines};
 use tokio::time::Instant;
 
 use super::lines::{FrameLine, InjectionLine, WatchLine, sentence};
@@ -153,14 +153,15 @@ impl<W: Write> Viewer<'_, W> {
             return self.printer.drawn(&map);
         };
         let (columns, rows) = screen.size();
-        let lines: usize = picture
-            .sentence
+        // the screen prints escape sequences as they are, because the map has some
+        let sentence = printable_lines(&picture.sentence);
+        let lines: usize = sentence
             .lines()
             .map(|line| line.chars().count().div_ceil(columns).max(1))
             .sum();
         style.height = Some(rows.saturating_sub(lines));
         let map = drawing::terminal(field, &picture.map, &style)?;
-        screen.draw(&format!("{}\n{map}", picture.sentence))?;
+        screen.draw(&format!("{sentence}\n{map}"))?;
         screen.waiting("")
     }
 }
