@@ -5,7 +5,7 @@
 
 use eit::{Preset, frames_text, matrix_text};
 use nalgebra::DMatrix;
-use outfile::OutFile;
+use outfile::{Existing, OutFile};
 use phantom::{Load, Phantom, Preview};
 
 use super::record::Session;
@@ -41,10 +41,8 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     let mut folder = match &options.out {
         None => None,
         Some(out) => {
-            case.write(out, existing)
+            outfile::make_folder(out, Existing::Replace)
                 .map_err(|fault| Failure::of("cannot write the case", &fault))?;
-            // an existing presses file belongs to the replaced set and not to this scene
-            outfile::remove(&out.join(test_set::PRESSES), existing)?;
             let [frames, truth] =
                 ["frames.csv", "truth.csv"].map(|name| OutFile::create(&out.join(name), existing));
             Some((frames?, truth?))
@@ -100,6 +98,11 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         super::in_words(&scan)
     );
     if let (Some((frames, truth)), Some(out)) = (folder, &options.out) {
+        // not before all frames are simulated: an interrupted run must not mix this case with earlier frames
+        case.write(out, existing)
+            .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+        // an existing presses file belongs to the replaced set and not to this scene
+        outfile::remove(&out.join(test_set::PRESSES), existing)?;
         frames.finish()?;
         truth.finish()?;
         let description = serde_json::json!({

@@ -1,4 +1,5 @@
-//! Trainings that are killed, or whose disk is full, resume and give the same bits.
+//! Trainings that are killed, or whose disk is full, resume and give the same bits; a simulation on a full disk replaces
+//! no earlier file.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -96,4 +97,27 @@ fn data_set_on_a_full_disk_continues_with_space() {
     assert!(part.len() > 0);
     done(&words(line, &[&case, &broken]));
     assert!(std::fs::read(broken.join("shard-0-of-1.tset")).unwrap() == bytes);
+}
+
+#[test]
+fn a_scene_on_a_full_disk_leaves_an_earlier_set_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let [set, scene] = ["set", "tank.toml"].map(|name| folder.path().join(name));
+    done(&words("judge --set presses-10 --count 1 --out {}", &[&set]));
+    let content = || {
+        let files = std::fs::read_dir(&set).unwrap();
+        let files = files.map(|file| file.unwrap().path());
+        let mut files: Vec<_> = files
+            .map(|path| (std::fs::read(&path).unwrap(), path))
+            .collect();
+        files.sort();
+        files
+    };
+    let before = content();
+    std::fs::write(&scene, "[disc-tank]\nelectrodes = 16\n").unwrap();
+    let line = "scene run {} --frames 400 --force --out {}";
+    let message = words_of(&with_little_space(1000, line, &[&scene, &set]));
+    let full = "truth.csv cannot be written: File too large";
+    assert!(message.contains(full), "{message}");
+    assert!(content() == before);
 }
