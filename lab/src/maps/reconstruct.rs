@@ -6,7 +6,7 @@ use std::time::Instant;
 use eit::{Case, Pressure, matrix_text};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use survey::{Map, Reading, error_chain};
+use survey::{Map, Reading, error_chain, printable};
 
 use imaging::TrackedFrame;
 use imaging::recorded::{
@@ -61,7 +61,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         .transpose()?;
     let model = options.method.prepare(&case, &recording)?;
     for note in &model.notes {
-        eprintln!("tactus-lab: {}", survey::printable(note));
+        eprintln!("tactus-lab: {}", printable(note));
     }
     let followed = follow(options, &case, &recording)?;
     let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
@@ -98,7 +98,8 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 // the map itself is still written
                 Err(why) => {
                     eprintln!(
-                        "tactus-lab: frame '{name}': no standard deviation is known: {}",
+                        "tactus-lab: frame '{}': no standard deviation is known: {}",
+                        printable(name),
                         error_chain(&why)
                     );
                     vec![f64::NAN; areas.len()]
@@ -163,19 +164,20 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 .map_err(|fault| Failure::of("a line cannot be written as JSON", &fault))?;
             print_line!("{}", survey::printable_json(line));
         }
+        let named = format!("tactus-lab: frame '{}'", printable(name));
         if let Some(tracked) = tracked.filter(|tracked| !tracked.known) {
-            eprintln!("tactus-lab: frame '{name}': {tracked}");
+            eprintln!("{named}: {tracked}");
         }
         if let Err(why) = made {
-            eprintln!("tactus-lab: frame '{name}' has no map: {why}");
+            eprintln!("{named} has no map: {why}");
         }
         let quality = known.and_then(|made| made.map.quality.as_ref());
         if let Some(quality) = quality.filter(|quality| !quality.is_silent()) {
-            eprintln!("tactus-lab: frame '{name}' is {quality}");
+            eprintln!("{named} is {quality}");
         }
         if known.is_some_and(|made| made.map.method.ends_with(eit::CLIPPED)) {
             eprintln!(
-                "tactus-lab: frame '{name}': the bounded problem was not solved; its map is the unbounded one, clipped"
+                "{named}: the bounded problem was not solved; its map is the unbounded one, clipped"
             );
         }
         times.extend(known.map(|made| made.time));

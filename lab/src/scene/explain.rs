@@ -5,6 +5,7 @@ use std::time::Duration;
 use phantom::{Prediction, Preview, Repeat, Scene};
 use serde::Serialize;
 use serde_json::json;
+use survey::printable;
 
 use crate::args::ExplainOptions;
 use crate::output::print_line;
@@ -175,16 +176,17 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
             "missing": of(EffectStatus::Missing),
             "negligible": of(EffectStatus::Negligible),
         });
-        print_line!("{line}");
+        print_line!("{}", survey::printable_json(line.to_string()));
         return Ok(());
     }
-    print_line!("{}: {}", scene.name, super::in_words(preview.scan()));
+    let name = printable(&scene.name);
+    print_line!("{name}: {}", super::in_words(preview.scan()));
     let signal_text = signal.map_or("no load, so no signal".to_owned(), |signal| {
         format!("signal {signal:.1e} V rms, in the frame in which the loads change most")
     });
     print_line!("noise {noise:.1e} V a reading ({source}); {signal_text}\n");
     for line in time_line.lines() {
-        print_line!("{line}");
+        print_line!("{}", printable(&line));
     }
     print_line!(
         "{:20} {:5} {:>9} {:>9} {:>9}",

@@ -50,7 +50,8 @@ fn check(scenes: &[String]) -> Result<(), Failure> {
             Ok(())
         });
         if let Err(fault) = checked {
-            eprintln!("tactus-lab: {fault}");
+            let text = fault.to_string();
+            eprintln!("tactus-lab: {}", survey::printable_lines(&text));
             wrong += 1;
         }
     }

@@ -7,6 +7,7 @@ use eit::{Preset, frames_text, matrix_text};
 use nalgebra::DMatrix;
 use outfile::{Existing, OutFile};
 use phantom::{Load, Phantom, Preview};
+use survey::printable;
 
 use super::record::Session;
 use crate::args::RunOptions;
@@ -63,7 +64,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             bar.suspend(|| {
                 eprintln!(
                     "tactus-lab: the baseline is loaded: {} is on the sheet in the first frame",
-                    loads[0].name
+                    printable(&loads[0].name)
                 );
             });
         }
@@ -93,8 +94,9 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     }
     bar.finish_and_clear();
     let words = format!(
-        "baseline and {} frames of {name}; {}",
+        "baseline and {} frames of {}; {}",
         scan.frames - 1,
+        printable(&name),
         super::in_words(&scan)
     );
     if let (Some((frames, truth)), Some(out)) = (folder, &options.out) {

@@ -473,7 +473,12 @@ fn a_frame_without_a_map_does_not_end_the_others() {
     assert!(rows.contains("\n8,f8,,,,,,,,,,,none,"), "{rows}");
 
     // if no frame has a map, no file is written
-    std::fs::write(path("none.csv"), format!("frame{heading}\nf8{nothing}\n")).unwrap();
+    let label = "\u{1b}[2J";
+    std::fs::write(
+        path("none.csv"),
+        format!("frame{heading}\n{label}{nothing}\n"),
+    )
+    .unwrap();
     let line = "reconstruct --case {} --frames none.csv --baseline {} --out {}";
     std::fs::rename(path("none.csv"), tank.join("none.csv")).unwrap();
     let (code, message) = refused(line, &[&tank, &path("v.csv"), &path("none.maps.csv")]);
@@ -482,5 +487,6 @@ fn a_frame_without_a_map_does_not_end_the_others() {
         message.contains("none of the 1 frames has a map"),
         "{message}"
     );
+    assert!(message.contains("'\\u{1b}[2J' has no map"), "{message}");
     assert!(!path("none.maps.csv").exists());
 }

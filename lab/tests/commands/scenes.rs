@@ -139,6 +139,34 @@ fn explain_lists_the_time_line_with_its_repeats() {
 }
 
 #[test]
+fn text_of_a_scene_cannot_act_on_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    let text = "name = \"\\u001b[1mnight\"\n[[load]]\nname = \"\\u001b[2J\"\nshape = \"disc\"\ndiameter_mm = 30\n\
+        x_mm = 60\ny_mm = 70\nloss_percent = 20\nfrom_s = 60\nto_s = 900\n";
+    std::fs::write(&path, text).unwrap();
+    let explained = |options: &str| {
+        let line = format!("scene explain {{}} --frames 2{options}");
+        let output = lab(&words(&line, &[&path]));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let printed = explained("");
+    assert!(printed.starts_with("\\u{1b}[1mnight: "), "{printed:?}");
+    assert!(printed.contains("\nload  \\u{1b}[2J "), "{printed:?}");
+    let printed = explained(" --json");
+    assert!(!printed.contains('\u{1b}'), "{printed:?}");
+    let reported: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!(reported["loads"][0]["name"], "\u{1b}[2J");
+    std::fs::write(&path, "[effects.\"\\u001b[2J\"]\n").unwrap();
+    let output = lab(&words("scene check {}", &[&path]));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains("there is no effect `\\u{1b}[2J`"),
+        "{message:?}"
+    );
+}
+
+#[test]
 fn scene_run_writes_a_reproducible_case_folder_with_truth() {
     let folder = tempfile::tempdir().unwrap();
     let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
