@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use phantom::{Prediction, Preview, Repeat, Scene};
+use phantom::{Prediction, Preview, Repeat};
 use serde::Serialize;
 use serde_json::json;
 use survey::printable;
@@ -51,6 +51,18 @@ impl EffectStatus {
     }
 }
 
+/// Headings and members of the groups of the table of effects; each group lists its largest effect first.
+const GROUPS: [(&str, fn(&Prediction, EffectStatus) -> bool); 3] = [
+    ("in the scene:", |prediction, _| prediction.named),
+    ("left out, and it would matter:", |_, verdict| {
+        matches!(verdict, EffectStatus::Missing | EffectStatus::Fault)
+    }),
+    (
+        "left out, and too small to matter:",
+        |prediction, verdict| !prediction.named && verdict == EffectStatus::Fine,
+    ),
+];
+
 /// A load or a fault of the scene, and its time.
 #[derive(Debug, Serialize)]
 struct TimedEntry {
@@ -86,41 +98,6 @@ impl TimedEntry {
     }
 }
 
-/// The scene's loads and faults, in the order of the scene file.
-struct TimeLine {
-    loads: Vec<TimedEntry>,
-    faults: Vec<TimedEntry>,
-}
-
-impl TimeLine {
-    fn of(scene: &Scene) -> Self {
-        let loads = scene.loads.iter();
-        let faults = scene.faults.iter();
-        Self {
-            loads: loads
-                .map(|load| TimedEntry::new(&load.load.name, load.from, load.to, load.repeat))
-                .collect(),
-            faults: faults
-                .map(|fault| {
-                    let to = fault.lasts.map(|lasts| fault.at.saturating_add(lasts));
-                    TimedEntry::new(&fault.what, fault.at, to, fault.repeat)
-                })
-                .collect(),
-        }
-    }
-
-    /// The time line as text; unless empty, it ends with an empty line.
-    fn lines(&self) -> Vec<String> {
-        let loads = self.loads.iter().map(|load| load.line("load"));
-        let faults = self.faults.iter().map(|fault| fault.line("fault"));
-        let mut lines: Vec<String> = loads.chain(faults).collect();
-        if !lines.is_empty() {
-            lines.push(String::new());
-        }
-        lines
-    }
-}
-
 /// Prints the time line and the sizes of all effects, and warns.
 pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     let scene = super::open(&options.scene)?;
@@ -146,7 +123,17 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     } else {
         "the voltmeter's table"
     };
-    let time_line = TimeLine::of(&scene);
+    let loads = scene.loads.iter();
+    let loads: Vec<_> = loads
+        .map(|load| TimedEntry::new(&load.load.name, load.from, load.to, load.repeat))
+        .collect();
+    let faults = scene.faults.iter();
+    let faults: Vec<_> = faults
+        .map(|fault| {
+            let to = fault.lasts.map(|lasts| fault.at.saturating_add(lasts));
+            TimedEntry::new(&fault.what, fault.at, to, fault.repeat)
+        })
+        .collect();
     if options.json {
         let effects: Vec<_> = predictions
             .iter()
@@ -170,8 +157,8 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
             "noise_v": noise,
             "noise_from": source,
             "signal_v": signal,
-            "loads": time_line.loads,
-            "faults": time_line.faults,
+            "loads": loads,
+            "faults": faults,
             "effects": effects,
             "missing": of(EffectStatus::Missing),
             "negligible": of(EffectStatus::Negligible),
@@ -185,8 +172,14 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         format!("signal {signal:.1e} V rms, in the frame in which the loads change most")
     });
     print_line!("noise {noise:.1e} V a reading ({source}); {signal_text}\n");
-    for line in time_line.lines() {
-        print_line!("{}", printable(&line));
+    for load in &loads {
+        print_line!("{}", printable(&load.line("load")));
+    }
+    for fault in &faults {
+        print_line!("{}", printable(&fault.line("fault")));
+    }
+    if !(loads.is_empty() && faults.is_empty()) {
+        print_line!("");
     }
     print_line!(
         "{:20} {:5} {:>9} {:>9} {:>9}",
@@ -196,13 +189,13 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         "of noise",
         "of signal"
     );
-    for group in Group::ALL {
+    for (heading, has) in GROUPS {
         let members: Vec<_> = predictions
             .iter()
-            .filter(|(prediction, verdict)| Group::of(prediction, *verdict) == group)
+            .filter(|(prediction, verdict)| has(prediction, *verdict))
             .collect();
         if !members.is_empty() {
-            print_line!("{}", group.heading());
+            print_line!("{heading}");
         }
         for (prediction, verdict) in members {
             print_line!("{}", row(prediction, *verdict, noise, signal));
@@ -246,32 +239,4 @@ fn row(prediction: &Prediction, verdict: EffectStatus, noise: f64, signal: Optio
         assumed.unwrap_or_default(),
     );
     line.trim_end().to_owned()
-}
-
-/// Groups of the table of effects; each lists its largest effect first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Group {
-    Named,
-    Missing,
-    Small,
-}
-
-impl Group {
-    const ALL: [Self; 3] = [Self::Named, Self::Missing, Self::Small];
-
-    fn of(prediction: &Prediction, verdict: EffectStatus) -> Self {
-        match verdict {
-            _ if prediction.named => Self::Named,
-            EffectStatus::Missing | EffectStatus::Fault => Self::Missing,
-            EffectStatus::Fine | EffectStatus::Negligible => Self::Small,
-        }
-    }
-
-    fn heading(self) -> &'static str {
-        match self {
-            Self::Named => "in the scene:",
-            Self::Missing => "left out, and it would matter:",
-            Self::Small => "left out, and too small to matter:",
-        }
-    }
 }
