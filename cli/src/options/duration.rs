@@ -42,10 +42,11 @@ pub fn parse_span(text: &str) -> Result<Duration, SpanError> {
 /// Formats a duration briefly: `850 ms`, `12.5 s`, `3 min 20 s`, `2 h 5 min`.
 pub(crate) fn display_span(span: Duration) -> String {
     let seconds = span.as_secs_f64();
-    if seconds < 1.0 {
+    // limits of the rounded numbers: neither 1000 ms nor 60.0 s is written
+    if seconds < 0.9995 {
         return format!("{:.0} ms", seconds * 1e3);
     }
-    if seconds < 60.0 {
+    if seconds < 59.95 {
         return format!("{seconds:.1} s");
     }
     let whole = seconds.round() as u64;
@@ -106,6 +107,8 @@ mod tests {
     fn durations_are_written_with_two_units() {
         assert_eq!(display_span(Duration::from_millis(850)), "850 ms");
         assert_eq!(display_span(Duration::from_millis(12_500)), "12.5 s");
+        assert_eq!(display_span(Duration::from_micros(999_600)), "1.0 s");
+        assert_eq!(display_span(Duration::from_millis(59_960)), "1 min 0 s");
         assert_eq!(display_span(Duration::from_secs(200)), "3 min 20 s");
         assert_eq!(display_span(Duration::from_secs(7_500)), "2 h 5 min");
     }
