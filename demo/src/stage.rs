@@ -1,12 +1,14 @@
 //! A temporary rig: configuration, state directory, peer socket, and the processes that use them.
 
 use std::ffi::OsString;
-use std::io::{self, Read};
+use std::io;
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
 
 /// The timeout of every wait in the system tests.
 pub const DEADLINE: Duration = Duration::from_secs(120);
@@ -211,33 +213,22 @@ impl Stage {
             .spawn()
             .map_err(|cause| system("cannot start tactusd", cause))?;
         let mut daemon = DaemonProcess { child, log_path };
-        let (tell, reported) = mpsc::channel();
-        let ears = notify
-            .try_clone()
-            .map_err(|cause| system("cannot clone the notify socket", cause))?;
-        std::thread::spawn(move || {
-            let mut buffer = [0; 4096];
-            while let Ok(length) = ears.recv(&mut buffer) {
-                let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
-                if text
-                    .lines()
-                    .any(|line| line == "READY=1" || line == "ENDED")
-                {
-                    let _ = tell.send(text);
-                    return;
-                }
-            }
-        });
+        notify
+            .set_read_timeout(Some(Duration::from_millis(50)))
+            .map_err(|cause| system("cannot set up the notify socket", cause))?;
         let begun = Instant::now();
+        let mut buffer = [0; 4096];
         loop {
-            match reported.recv_timeout(Duration::from_millis(50)) {
-                Ok(_) => return Ok(daemon),
+            match notify.recv(&mut buffer) {
+                Ok(length) => {
+                    let mut lines = buffer[..length].split(|byte| *byte == b'\n');
+                    if lines.any(|line| line == b"READY=1") {
+                        return Ok(daemon);
+                    }
+                }
                 Err(_) => {
                     let ended = daemon.child.try_wait().ok().flatten().is_some();
                     if ended || begun.elapsed() > DEADLINE {
-                        // ends the listening thread
-                        let _ = UnixDatagram::unbound()
-                            .and_then(|socket| socket.send_to(b"ENDED", &notify_path));
                         return Err(StageError::NotReady {
                             deadline: DEADLINE,
                             stderr: daemon.log(),
@@ -301,54 +292,29 @@ fn listen(mut command: Command) -> Result<Spoken, StageError> {
         .map(|word| word.to_string_lossy().into_owned())
         .collect::<Vec<_>>()
         .join(" ");
-    let mut child = command
+    let child = command
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .map_err(|cause| system(&format!("cannot start `{line}`"), cause))?;
-    let stdout = drain(child.stdout.take());
-    let stderr = drain(child.stderr.take());
-    let begun = Instant::now();
+    let process = Pid::from_child(&child);
     let (tell, reported) = mpsc::channel();
-    let id = child.id();
-    std::thread::spawn(move || {
-        let _ = tell.send(child.wait());
-    });
-    let status = match reported.recv_timeout(DEADLINE) {
-        Ok(status) => status.map_err(|cause| system(&format!("cannot await `{line}`"), cause))?,
-        Err(_) => {
-            signal(id, rustix::process::Signal::KILL);
-            return Err(StageError::Slow {
-                command: line,
-                deadline: begun.elapsed(),
-            });
-        }
+    // within the timeout, too: a process that the program left behind may keep the pipes open
+    std::thread::spawn(move || tell.send(child.wait_with_output()));
+    let Ok(output) = reported.recv_timeout(DEADLINE) else {
+        let _ = kill_process(process, Signal::KILL);
+        return Err(StageError::Slow {
+            command: line,
+            deadline: DEADLINE,
+        });
     };
+    let output = output.map_err(|cause| system(&format!("cannot await `{line}`"), cause))?;
     Ok(Spoken {
         command: line,
-        code: status.code(),
-        stdout: stdout.join().unwrap_or_default(),
-        stderr: stderr.join().unwrap_or_default(),
+        code: output.status.code(),
+        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
     })
-}
-
-fn drain(pipe: Option<impl Read + Send + 'static>) -> std::thread::JoinHandle<String> {
-    std::thread::spawn(move || {
-        let mut bytes = Vec::new();
-        if let Some(mut pipe) = pipe {
-            let _ = pipe.read_to_end(&mut bytes);
-        }
-        String::from_utf8_lossy(&bytes).into_owned()
-    })
-}
-
-fn signal(id: u32, signal: rustix::process::Signal) {
-    if let Some(pid) = i32::try_from(id)
-        .ok()
-        .and_then(rustix::process::Pid::from_raw)
-    {
-        let _ = rustix::process::kill_process(pid, signal);
-    }
 }
 
 impl Spoken {
@@ -415,7 +381,7 @@ impl DaemonProcess {
     /// # Errors
     /// It does not exit before the timeout, or not with exit code 0.
     pub fn stop(mut self) -> Result<(), StageError> {
-        signal(self.child.id(), rustix::process::Signal::TERM);
+        let _ = kill_process(Pid::from_child(&self.child), Signal::TERM);
         let begun = Instant::now();
         let status = loop {
             if let Some(status) = self
@@ -446,9 +412,8 @@ impl DaemonProcess {
     }
 
     /// Kills it (SIGKILL).
-    pub fn kill(mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    pub fn kill(self) {
+        drop(self);
     }
 }
 
