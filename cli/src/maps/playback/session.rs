@@ -124,6 +124,8 @@ impl PlayedSession {
                 "the baseline as it was recorded".to_owned(),
             ),
         };
+        // so that the frames after this one are tracked meanwhile
+        drop(known);
         let map = quick.reconstruction.map(baseline, readings)?;
         let pressure = quick.reconstruction.pressure(&map)?;
         let method = match quick.own {
