@@ -59,6 +59,16 @@ impl Bounds {
             .ok_or_else(|| format!("it must be a whole number {self}"))
     }
 
+    /// [`Bounds::parse`] as the parser of an argument of a command line.
+    pub fn parser(self) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+        move |text| self.parse(text)
+    }
+
+    /// [`Bounds::parse_count`] as the parser of an argument of a command line.
+    pub fn counter(self) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
+        move |text| self.parse_count(text)
+    }
+
     /// Returns the value if it is in range.
     ///
     /// # Errors

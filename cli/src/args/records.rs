@@ -14,7 +14,7 @@ use crate::options::choices::{
 };
 use crate::options::instant::Instant;
 use crate::options::moment::{Moment, wall_time};
-use crate::options::numbers::{film_speed, pixels};
+use crate::options::numbers::{FILM_SPEED, PIXELS};
 
 /// Options of `log`.
 #[derive(Debug, Clone, Default, Args)]
@@ -155,10 +155,10 @@ pub struct Export {
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub every: Option<Duration>,
     /// How many times faster than the session the film runs [default: 10 pictures a second]
-    #[arg(long, value_name = "TIMES", value_parser = film_speed)]
+    #[arg(long, value_name = "TIMES", value_parser = FILM_SPEED.parser())]
     pub speed: Option<f64>,
     /// Pixels along each side of a raster [default: 32]
-    #[arg(long, value_name = "N", value_parser = pixels)]
+    #[arg(long, value_name = "N", value_parser = PIXELS.counter())]
     pub raster: Option<usize>,
     /// Scale of the map: `own`, or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a calibration)
     #[arg(

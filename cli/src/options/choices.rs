@@ -7,7 +7,7 @@ pub use imaging::recorded::BaselineRule;
 pub use imaging::{DepthArguments, MethodArguments, PresetName, TrackedArguments};
 use survey::MapUnit;
 
-use crate::options::numbers::{degrees, electrodes, millimetres};
+use crate::options::numbers::{DEGREES, ELECTRODES, MILLIMETRES};
 
 /// The sheet or tank, if neither the record nor a model file specifies it.
 #[derive(Debug, Clone, Default, PartialEq, Args)]
@@ -17,20 +17,20 @@ pub struct GeometryChoice {
     #[arg(long, value_enum, value_name = "NAME")]
     pub preset: Option<PresetName>,
     /// Number of electrodes (default: that of the protocol)
-    #[arg(long, value_name = "N", requires = "preset", value_parser = electrodes)]
+    #[arg(long, value_name = "N", requires = "preset", value_parser = ELECTRODES.counter())]
     pub electrodes: Option<usize>,
     /// Diameter of a disc tank, mm [default: 300]
-    #[arg(long, value_name = "MM", requires = "preset", value_parser = millimetres, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", requires = "preset", value_parser = MILLIMETRES.parser(), allow_hyphen_values = true)]
     pub diameter_mm: Option<f64>,
     /// Width of an electrode of a disc tank as seen from the centre, degrees [default: 5]
-    #[arg(long, value_name = "DEG", requires = "preset", value_parser = degrees, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEG", requires = "preset", value_parser = DEGREES.parser(), allow_hyphen_values = true)]
     pub arc_deg: Option<f64>,
     /// Direction of a disc tank's first electrode, degrees counter-clockwise from +x [default: 0]
     #[arg(
         long,
         value_name = "DEG",
         requires = "preset",
-        value_parser = degrees,
+        value_parser = DEGREES.parser(),
         allow_hyphen_values = true
     )]
     pub first_deg: Option<f64>,

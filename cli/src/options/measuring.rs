@@ -15,7 +15,7 @@ use crate::options::duration::parse_span as span;
 )]
 pub struct Measuring {
     /// Integration in power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200 [default: as configured]
-    #[arg(long, value_name = "PLC", value_parser = crate::options::numbers::nplc, allow_hyphen_values = true)]
+    #[arg(long, value_name = "PLC", value_parser = crate::options::numbers::NPLC.parser(), allow_hyphen_values = true)]
     pub nplc: Option<f64>,
     /// Number of readings averaged to one, 1 or more [default: as configured]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]

@@ -11,34 +11,17 @@ pub(crate) fn speed(text: &str) -> Result<f64, String> {
 }
 
 /// Ratio of the speed of a film to that of the session.
-pub(crate) fn film_speed(text: &str) -> Result<f64, String> {
-    Bounds::Within(0.001, 1e6).parse(text)
-}
-
+pub(crate) const FILM_SPEED: Bounds = Bounds::Within(0.001, 1e6);
 /// Integration time, power-line cycles; the valid values depend on the voltmeter.
-pub(crate) fn nplc(text: &str) -> Result<f64, String> {
-    Bounds::Within(0.001, 1000.0).parse(text)
-}
-
+pub(crate) const NPLC: Bounds = Bounds::Within(0.001, 1000.0);
 /// A length, mm.
-pub(crate) fn millimetres(text: &str) -> Result<f64, String> {
-    Bounds::Within(0.01, 20e3).parse(text)
-}
-
+pub(crate) const MILLIMETRES: Bounds = Bounds::Within(0.01, 20e3);
 /// An angle, degrees.
-pub(crate) fn degrees(text: &str) -> Result<f64, String> {
-    Bounds::Within(-360.0, 360.0).parse(text)
-}
-
+pub(crate) const DEGREES: Bounds = Bounds::Within(-360.0, 360.0);
 /// Pixels along a side.
-pub(crate) fn pixels(text: &str) -> Result<usize, String> {
-    Bounds::Within(2.0, 4096.0).parse_count(text)
-}
-
+pub(crate) const PIXELS: Bounds = Bounds::Within(2.0, 4096.0);
 /// Electrodes of a ring.
-pub(crate) fn electrodes(text: &str) -> Result<usize, String> {
-    Bounds::Within(2.0, 256.0).parse_count(text)
-}
+pub(crate) const ELECTRODES: Bounds = Bounds::Within(2.0, 256.0);
 
 #[cfg(test)]
 mod tests {
@@ -46,16 +29,18 @@ mod tests {
 
     #[test]
     fn extremes_are_refused_with_what_is_allowed() {
-        let parsers = [speed, film_speed, nplc, millimetres, degrees];
+        let bounds = [FILM_SPEED, NPLC, MILLIMETRES, DEGREES];
         for text in ["inf", "-inf", "nan", "1e308", "-1e308", "1e999", "", "x"] {
-            for parse in parsers {
-                let refusal = parse(text).unwrap_err();
+            let others = bounds.map(|bounds| bounds.parse(text));
+            for refused in others.into_iter().chain([speed(text)]) {
+                let refusal = refused.unwrap_err();
                 assert!(refusal.contains("it must be "), "{text}: {refusal}");
             }
-            assert!(electrodes(text).unwrap_err().contains("2 to 256"));
+            let refusal = ELECTRODES.parse_count(text).unwrap_err();
+            assert!(refusal.contains("2 to 256"), "{text}: {refusal}");
         }
-        assert!(electrodes("18446744073709551615").is_err());
-        assert_eq!(electrodes("26"), Ok(26));
-        assert_eq!(nplc("0.02"), Ok(0.02));
+        assert!(ELECTRODES.parse_count("18446744073709551615").is_err());
+        assert_eq!(ELECTRODES.parse_count("26"), Ok(26));
+        assert_eq!(NPLC.parse("0.02"), Ok(0.02));
     }
 }

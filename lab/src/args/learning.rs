@@ -6,7 +6,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use outfile::OutPath;
 
 use super::Replacing;
-use super::numbers::{cases, epochs, gamma, neurons, noise_v, repeats, spread_times};
+use super::numbers::{CASES, EPOCHS, NEURONS, REPEATS, SPREAD_TIMES, gamma, noise_v};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Network {
@@ -50,13 +50,13 @@ pub(crate) struct DeepOptions {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
     /// Simulated cases [default: 15000]
-    #[arg(long, value_name = "N", value_parser = cases)]
+    #[arg(long, value_name = "N", value_parser = CASES.counter())]
     pub(crate) cases: Option<usize>,
     /// Jittered copies of each case [default: 5]
-    #[arg(long, value_name = "N", value_parser = repeats)]
+    #[arg(long, value_name = "N", value_parser = REPEATS.counter())]
     pub(crate) repeats: Option<usize>,
     /// Passes over the training set [default: 30]
-    #[arg(long, value_name = "N", value_parser = epochs)]
+    #[arg(long, value_name = "N", value_parser = EPOCHS.counter())]
     pub(crate) epochs: Option<usize>,
     /// The same seed gives the same file [default: 1]
     #[arg(long, value_name = "S")]
@@ -133,19 +133,19 @@ pub(crate) struct TrainOptions {
     #[command(flatten)]
     pub(crate) data: DataOptions,
     /// Simulated cases
-    #[arg(long, value_name = "N", default_value_t = 15_000, value_parser = cases)]
+    #[arg(long, value_name = "N", default_value_t = 15_000, value_parser = CASES.counter())]
     pub(crate) cases: usize,
     /// Jittered copies of each case
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = repeats)]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = REPEATS.counter())]
     pub(crate) repeats: usize,
     /// Neurons
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = neurons)]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = NEURONS.counter())]
     pub(crate) neurons: usize,
     /// The same seed gives the same file
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
     /// Width of the neurons as a multiple of the spread of Eq. 13
-    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = spread_times)]
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = SPREAD_TIMES.parser())]
     pub(crate) spread_times: f64,
     /// Model file to write
     #[arg(long, value_name = "FILE")]
@@ -162,7 +162,7 @@ pub(crate) struct LinearOptions {
     #[command(flatten)]
     pub(crate) data: DataOptions,
     /// Simulated cases
-    #[arg(long, value_name = "N", default_value_t = 15_000, value_parser = cases)]
+    #[arg(long, value_name = "N", default_value_t = 15_000, value_parser = CASES.counter())]
     pub(crate) cases: usize,
     /// The same seed gives the same file
     #[arg(

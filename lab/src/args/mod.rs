@@ -15,8 +15,6 @@ use imaging::{DepthArguments, PresetName};
 use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 use studies::evaluation::test_set::TestSetName;
 
-use numbers::cases as set_cases;
-
 pub(crate) use calibrate::CalibrateOptions;
 pub(crate) use learning::{
     DataOptions, DeepOptions, LinearOptions, Network, Profile, TrainOptions,
@@ -174,7 +172,7 @@ pub(crate) struct DatasetOptions {
     #[arg(long, value_name = "FILE|first:N", requires = "recorded")]
     pub(crate) baseline: Option<imaging::recorded::BaselineRule>,
     /// Relative loss of conductance under the largest pressure of --recorded, a number above 0 and at most 1; without masses under every press [default: the column loss of presses.csv, else 0.5]
-    #[arg(long, value_name = "X", requires = "recorded", value_parser = numbers::loss, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X", requires = "recorded", value_parser = numbers::LOSS.parser(), allow_hyphen_values = true)]
     pub(crate) loss: Option<f64>,
     /// Allow a set with fewer recorded presses than a frame has readings
     #[arg(long, requires = "recorded")]
@@ -183,7 +181,7 @@ pub(crate) struct DatasetOptions {
     #[arg(long, value_name = "S")]
     pub(crate) seed: Option<u64>,
     /// Cases of the whole set [default: 15000, or that of the settings]
-    #[arg(long, value_name = "N", value_parser = set_cases)]
+    #[arg(long, value_name = "N", value_parser = numbers::CASES.counter())]
     pub(crate) cases: Option<usize>,
     /// TOML file with other parameters of Algorithm 1 and other choices where the paper leaves one open: the training settings that
     /// determine the cases, e.g. polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"

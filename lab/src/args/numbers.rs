@@ -4,34 +4,17 @@
 use survey::Bounds;
 
 /// Simulated cases: the most take hours.
-pub(crate) fn cases(text: &str) -> Result<usize, String> {
-    Bounds::Within(1.0, 1e7).parse_count(text)
-}
-
+pub(crate) const CASES: Bounds = Bounds::Within(1.0, 1e7);
 /// A count that may be zero.
-pub(crate) fn any_count(text: &str) -> Result<usize, String> {
-    Bounds::Within(0.0, 1e7).parse_count(text)
-}
-
+pub(crate) const ANY_COUNT: Bounds = Bounds::Within(0.0, 1e7);
 /// Jittered copies of each case.
-pub(crate) fn repeats(text: &str) -> Result<usize, String> {
-    Bounds::Within(1.0, 1e3).parse_count(text)
-}
-
+pub(crate) const REPEATS: Bounds = Bounds::Within(1.0, 1e3);
 /// Passes over a training set.
-pub(crate) fn epochs(text: &str) -> Result<usize, String> {
-    Bounds::Within(1.0, 1e5).parse_count(text)
-}
-
+pub(crate) const EPOCHS: Bounds = Bounds::Within(1.0, 1e5);
 /// Neurons of an RBF network.
-pub(crate) fn neurons(text: &str) -> Result<usize, String> {
-    Bounds::Within(1.0, 1e5).parse_count(text)
-}
-
+pub(crate) const NEURONS: Bounds = Bounds::Within(1.0, 1e5);
 /// Width of the neurons as a multiple of the spread of Eq. 13.
-pub(crate) fn spread_times(text: &str) -> Result<f64, String> {
-    Bounds::Above(0.0, 1e3).parse(text)
-}
+pub(crate) const SPREAD_TIMES: Bounds = Bounds::Above(0.0, 1e3);
 
 /// Jitter of the profile `paper`: parts of the standard deviation of the normalised baseline.
 pub(crate) fn gamma(text: &str) -> Result<f64, String> {
@@ -48,19 +31,11 @@ pub(crate) fn noise_v(text: &str) -> Result<f64, String> {
 }
 
 /// Relative loss of conductance.
-pub(crate) fn loss(text: &str) -> Result<f64, String> {
-    Bounds::Above(0.0, 1.0).parse(text)
-}
-
+pub(crate) const LOSS: Bounds = Bounds::Above(0.0, 1.0);
 /// Noise of one reading, uV.
-pub(crate) fn noise_uv(text: &str) -> Result<f64, String> {
-    Bounds::Above(0.0, 1e6).parse(text)
-}
-
+pub(crate) const NOISE_UV: Bounds = Bounds::Above(0.0, 1e6);
 /// Virtual days.
-pub(crate) fn days(text: &str) -> Result<f64, String> {
-    Bounds::Within(0.0, 3650.0).parse(text)
-}
+pub(crate) const DAYS: Bounds = Bounds::Within(0.0, 3650.0);
 
 #[cfg(test)]
 mod tests {
@@ -69,12 +44,12 @@ mod tests {
     #[test]
     fn slips_are_refused_with_what_is_allowed() {
         for text in ["1e11", "0", "-1", "1.5", "nan", "x"] {
-            let refusal = cases(text).unwrap_err();
+            let refusal = CASES.parse_count(text).unwrap_err();
             assert!(refusal.contains("from 1 to 10000000"), "{text}: {refusal}");
         }
-        assert_eq!(cases("15000"), Ok(15_000));
-        assert_eq!(cases("1e5"), Ok(100_000));
+        assert_eq!(CASES.parse_count("15000"), Ok(15_000));
+        assert_eq!(CASES.parse_count("1e5"), Ok(100_000));
         assert!(noise_v("0").unwrap_err().contains("2e-6"));
-        assert!(gamma("inf").is_err() && repeats("1e4").is_err());
+        assert!(gamma("inf").is_err() && REPEATS.parse_count("1e4").is_err());
     }
 }

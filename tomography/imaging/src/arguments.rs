@@ -10,6 +10,9 @@ use crate::settings::{
     DriftRule, HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns,
 };
 
+/// Exponent of the NOSER prior.
+const EXPONENT: Bounds = Bounds::Within(0.0, 10.0);
+
 /// How voltages become a map.
 #[derive(Debug, Clone, Default, PartialEq, Args)]
 #[command(next_help_heading = "Reconstruction")]
@@ -25,7 +28,7 @@ pub struct MethodArguments {
     #[arg(long, value_name = "PRIOR", conflicts_with = "model")]
     pub prior: Option<PriorArgument>,
     /// Exponent of the NOSER prior, as in noser:P; a number from 0 to 1 [default: 0.5 with --prior noser, else 0.25]
-    #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
+    #[arg(long, value_name = "P", conflicts_with = "model", value_parser = EXPONENT.parser(), allow_hyphen_values = true)]
     pub exponent: Option<f64>,
     /// Standard deviation of the white noise of one reading, V: lower limit of a frame's errors, and the noise that the
     /// quality check of maps expects [default: what the session used, else measured from the baseline]
@@ -141,7 +144,11 @@ impl FromStr for PriorArgument {
             ("noser", None) => Ok(named(PriorName::Noser)),
             ("gaussian", None) => Ok(named(PriorName::Gaussian)),
             ("noser", Some(p)) => Ok(Self {
-                exponent: Some(exponent(p).map_err(|why| format!("the exponent of noser: {why}"))?),
+                exponent: Some(
+                    EXPONENT
+                        .parse(p)
+                        .map_err(|why| format!("the exponent of noser: {why}"))?,
+                ),
                 ..named(PriorName::Noser)
             }),
             ("gaussian", Some(mm)) => {
@@ -266,10 +273,6 @@ fn share(text: &str) -> Result<f64, String> {
     Bounds::Between(0.0, 1.0)
         .parse(text)
         .map_err(|refusal| format!("{refusal}, for example 1e-3"))
-}
-
-fn exponent(text: &str) -> Result<f64, String> {
-    Bounds::Within(0.0, 10.0).parse(text)
 }
 
 #[cfg(test)]

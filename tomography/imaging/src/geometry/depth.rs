@@ -51,22 +51,26 @@ impl DepthSettings {
     }
 }
 
+/// Lengths of a tank on the command line, mm.
+#[cfg(feature = "arguments")]
+const MILLIMETRES: survey::Bounds = survey::Bounds::Within(0.01, 10e3);
+
 /// The depth of a tank on the command line.
 #[cfg(feature = "arguments")]
 #[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 #[command(next_help_heading = "Depth of a tank")]
 pub struct DepthArguments {
     /// Depth of the liquid of a tank, mm [default: what the case folder or session says, else a sheet]
-    #[arg(long, value_name = "MM", requires = "electrode_height_mm", value_parser = millimetres, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", requires = "electrode_height_mm", value_parser = MILLIMETRES.parser(), allow_hyphen_values = true)]
     pub depth_mm: Option<f64>,
     /// Height of an electrode's contact with the liquid, mm [default: none; needed with --depth-mm]
-    #[arg(long, value_name = "MM", requires = "depth_mm", value_parser = millimetres, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", requires = "depth_mm", value_parser = MILLIMETRES.parser(), allow_hyphen_values = true)]
     pub electrode_height_mm: Option<f64>,
     /// Height of the electrodes' centres above the bottom, mm [default: half of the depth]
-    #[arg(long, value_name = "MM", requires = "depth_mm", value_parser = millimetres, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", requires = "depth_mm", value_parser = MILLIMETRES.parser(), allow_hyphen_values = true)]
     pub electrode_centre_mm: Option<f64>,
     /// Height of the targets, a layer about the electrodes' centres, mm: for one-step and tv [default: the depth]
-    #[arg(long, value_name = "MM", requires = "depth_mm", value_parser = millimetres, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", requires = "depth_mm", value_parser = MILLIMETRES.parser(), allow_hyphen_values = true)]
     pub target_height_mm: Option<f64>,
 }
 
@@ -82,11 +86,6 @@ impl DepthArguments {
             modes: None,
         })
     }
-}
-
-#[cfg(feature = "arguments")]
-fn millimetres(text: &str) -> Result<f64, String> {
-    survey::Bounds::Within(0.01, 10e3).parse(text)
 }
 
 impl Geometry {

@@ -15,6 +15,8 @@ use crate::progress;
 
 /// Default number of simulated cases of a training.
 const CASES: usize = 15_000;
+/// Allowed number of simulated cases.
+const TRAINING_CASES: Bounds = Bounds::Within(1.0, 1e7);
 
 /// A method and its options.
 #[derive(Debug, Clone, Args)]
@@ -25,12 +27,8 @@ pub struct MethodOptions {
     #[arg(long, value_name = "NAME|FILE")]
     sigma0: Option<String>,
     /// Number of simulated cases, if a network is trained for the case [default: 15000]
-    #[arg(long, value_name = "N", value_parser = training_cases)]
+    #[arg(long, value_name = "N", value_parser = TRAINING_CASES.counter())]
     cases: Option<usize>,
-}
-
-fn training_cases(text: &str) -> Result<usize, String> {
-    Bounds::Within(1.0, 1e7).parse_count(text)
 }
 
 /// The options without a program's name.
