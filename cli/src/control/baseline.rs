@@ -6,6 +6,7 @@ use chrono::{DateTime, SecondsFormat};
 use dbus::{BaselineReport, SessionOptions};
 use imaging::tracking::{DriftSummary, TrackingOrder, TrackingSummary};
 use serde::Serialize;
+use serde_json::json;
 use survey::{Amps, Volts};
 
 use crate::args::BaselineRecord;
@@ -102,17 +103,11 @@ pub(crate) async fn choose(
     let id = daemon.baseline_id(id).await?;
     let requested = daemon.manager.use_baseline(&id);
     let id = daemon.ask("the baseline", requested).await?;
-    let used = BaselineUsed { baseline: id };
-    printer.record(&used, |used| {
-        format!("baseline {} is the current one", used.baseline)
+    // the line of `baseline use --json`; see `docs/reference/json.md`
+    printer.record(&json!({ "baseline": id }), |_| {
+        format!("baseline {id} is the current one")
     })?;
-    session::warn_of(daemon, &used.baseline, &used.baseline, printer).await
-}
-
-/// The line of `baseline use --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct BaselineUsed {
-    baseline: String,
+    session::warn_of(daemon, &id, &id, printer).await
 }
 
 /// Gives an order to the tracked baseline of the running session.
@@ -123,20 +118,10 @@ pub(crate) async fn order(
 ) -> Result<(), Failure> {
     let requested = daemon.manager.override_tracking(order.name());
     let from_frame = daemon.ask("the tracked baseline", requested).await?;
-    let ordered = TrackingOrdered {
-        order: order.name(),
-        from_frame,
-    };
-    printer.record(&ordered, |ordered| {
-        format!("{}, from frame {} on", ordered.order, ordered.from_frame)
-    })
-}
-
-/// The line of `baseline empty-now --json` and similar commands; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct TrackingOrdered {
-    order: &'static str,
-    from_frame: u64,
+    let order = order.name();
+    // the line of `baseline empty-now --json` and similar commands; see `docs/reference/json.md`
+    let ordered = json!({ "order": order, "from_frame": from_frame });
+    printer.record(&ordered, |_| format!("{order}, from frame {from_frame} on"))
 }
 
 /// Shows the baseline that the next session will use.

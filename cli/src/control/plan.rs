@@ -5,55 +5,13 @@ use std::io::Write;
 use std::time::Duration;
 
 use dbus::{PlanDetails, PlanReport, SessionOptions, SettingCost};
-use serde::Serialize;
+use serde_json::{Value, json};
 use survey::{Amps, Volts};
 
 use crate::connection::Daemon;
 use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;
-
-/// The line of `plan --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct Plan {
-    wiring: Option<String>,
-    steps: u64,
-    injections: u64,
-    readings: u64,
-    relay_moves: u64,
-    reading_messages: u64,
-    duration_s: f64,
-    current_a: f64,
-    compliance_v: f64,
-    source_current_max_a: Option<f64>,
-    relay_current_max_a: Option<f64>,
-    relay_voltage_max_v: Option<f64>,
-    #[serde(flatten)]
-    measuring: Option<Measuring>,
-    lines: Vec<String>,
-}
-
-/// How each reading is taken; not reported by an older daemon.
-#[derive(Debug, Serialize)]
-struct Measuring {
-    nplc: f64,
-    averages: u64,
-    autozero: bool,
-    settle_s: f64,
-    channel_delay_s: f64,
-    reversal: bool,
-    zero_every: u64,
-    range_v: f64,
-    planned_ranges: bool,
-    range_changes: u64,
-    range_time_s: f64,
-    noise_fixed_v: f64,
-    noise_v: f64,
-    noise_median_v: f64,
-    skip: u64,
-    half: bool,
-    costs: Vec<SettingCost>,
-}
 
 pub(crate) async fn run(
     daemon: &Daemon,
@@ -67,51 +25,70 @@ pub(crate) async fn run(
         let plan = daemon.manager.plan_with(&options);
         daemon.ask("the plan", plan).await?
     };
-    let plan = from_report(report);
-    printer.record(&plan, |plan| for_a_person(plan, requested.steps))
-}
-
-fn from_report(report: PlanReport) -> Plan {
-    let measuring = measuring(&report.more);
-    Plan {
-        wiring: report.more.wiring,
-        steps: report.steps,
-        injections: report.injections,
-        readings: report.readings,
-        relay_moves: report.relay_moves,
-        reading_messages: report.reading_messages,
-        duration_s: report.duration_s,
-        current_a: report.current_a,
-        compliance_v: report.compliance_v,
-        source_current_max_a: report.more.source_current_max_a,
-        relay_current_max_a: report.more.relay_current_max_a,
-        relay_voltage_max_v: report.more.relay_voltage_max_v,
-        measuring,
-        lines: report.lines,
-    }
-}
-
-fn measuring(more: &PlanDetails) -> Option<Measuring> {
-    let number = |value: Option<f64>| value.unwrap_or(0.0);
-    Some(Measuring {
-        nplc: more.nplc?,
-        averages: more.averages.unwrap_or(0),
-        autozero: more.autozero.unwrap_or(false),
-        settle_s: number(more.settle_s),
-        channel_delay_s: number(more.channel_delay_s),
-        reversal: more.reversal.unwrap_or(false),
-        zero_every: more.zero_every.unwrap_or(0),
-        range_v: number(more.range_v),
-        planned_ranges: more.planned_ranges.unwrap_or(false),
-        range_changes: more.range_changes.unwrap_or(0),
-        range_time_s: number(more.range_time_s),
-        noise_fixed_v: number(more.noise_fixed_v),
-        noise_v: number(more.noise_v),
-        noise_median_v: number(more.noise_median_v),
-        skip: more.skip.unwrap_or(0),
-        half: more.half.unwrap_or(false),
-        costs: more.costs(),
+    printer.record(&json_line(&report), |_| {
+        for_a_person(&report, requested.steps)
     })
+}
+
+/// The line of `plan --json`; see `docs/reference/json.md`.
+fn json_line(report: &PlanReport) -> Value {
+    let more = &report.more;
+    let mut line = json!({
+        "wiring": more.wiring,
+        "steps": report.steps,
+        "injections": report.injections,
+        "readings": report.readings,
+        "relay_moves": report.relay_moves,
+        "reading_messages": report.reading_messages,
+        "duration_s": report.duration_s,
+        "current_a": report.current_a,
+        "compliance_v": report.compliance_v,
+        "source_current_max_a": more.source_current_max_a,
+        "relay_current_max_a": more.relay_current_max_a,
+        "relay_voltage_max_v": more.relay_voltage_max_v,
+    });
+    // how each reading is taken; not reported by an older daemon
+    let measuring = more.nplc.map(|nplc| {
+        [
+            ("nplc", json!(nplc)),
+            ("averages", json!(more.averages.unwrap_or_default())),
+            ("autozero", json!(more.autozero.unwrap_or_default())),
+            ("settle_s", json!(more.settle_s.unwrap_or_default())),
+            (
+                "channel_delay_s",
+                json!(more.channel_delay_s.unwrap_or_default()),
+            ),
+            ("reversal", json!(more.reversal.unwrap_or_default())),
+            ("zero_every", json!(more.zero_every.unwrap_or_default())),
+            ("range_v", json!(more.range_v.unwrap_or_default())),
+            (
+                "planned_ranges",
+                json!(more.planned_ranges.unwrap_or_default()),
+            ),
+            (
+                "range_changes",
+                json!(more.range_changes.unwrap_or_default()),
+            ),
+            ("range_time_s", json!(more.range_time_s.unwrap_or_default())),
+            (
+                "noise_fixed_v",
+                json!(more.noise_fixed_v.unwrap_or_default()),
+            ),
+            ("noise_v", json!(more.noise_v.unwrap_or_default())),
+            (
+                "noise_median_v",
+                json!(more.noise_median_v.unwrap_or_default()),
+            ),
+            ("skip", json!(more.skip.unwrap_or_default())),
+            ("half", json!(more.half.unwrap_or_default())),
+            ("costs", json!(more.costs())),
+        ]
+    });
+    for (key, value) in measuring.into_iter().flatten() {
+        line[key] = value;
+    }
+    line["lines"] = json!(report.lines);
+    line
 }
 
 /// Cost per frame and gain in noise of each setting, the most expensive first.
@@ -122,70 +99,74 @@ fn costs_text(costs: &[SettingCost]) -> String {
     each.collect::<Vec<_>>().join(", ")
 }
 
-/// How each reading is taken, and the cost and gain of its range.
-fn describe(measuring: &Measuring) -> String {
-    let seconds =
-        |seconds: f64| display_span(Duration::try_from_secs_f64(seconds).unwrap_or_default());
-    let mut words = vec![format!("{} PLC", measuring.nplc)];
-    if measuring.averages > 1 {
-        words.push(format!("{} readings averaged", measuring.averages));
+/// How each reading is taken, and the cost and gain of its range; `None` from an older daemon.
+fn describe(more: &PlanDetails) -> Option<String> {
+    let seconds = |seconds: Option<f64>| {
+        display_span(Duration::try_from_secs_f64(seconds.unwrap_or(0.0)).unwrap_or_default())
+    };
+    let volts = |volts: Option<f64>| Volts(volts.unwrap_or(0.0));
+    let mut words = vec![format!("{} PLC", more.nplc?)];
+    if let Some(averages) = more.averages.filter(|averages| *averages > 1) {
+        words.push(format!("{averages} readings averaged"));
     }
     words.push(format!(
         "autozero {}",
-        if measuring.autozero { "on" } else { "off" }
+        if more.autozero == Some(true) {
+            "on"
+        } else {
+            "off"
+        }
     ));
-    if measuring.settle_s > 0.0 {
-        words.push(format!("{} settling", seconds(measuring.settle_s)));
+    if more.settle_s > Some(0.0) {
+        words.push(format!("{} settling", seconds(more.settle_s)));
     }
-    if measuring.channel_delay_s > 0.0 {
+    if more.channel_delay_s > Some(0.0) {
         words.push(format!(
             "{} before each channel",
-            seconds(measuring.channel_delay_s)
+            seconds(more.channel_delay_s)
         ));
     }
-    if measuring.reversal {
+    if more.reversal == Some(true) {
         words.push("both polarities of the current".to_owned());
     }
-    if measuring.zero_every > 0 {
-        words.push(format!(
-            "a zero-current frame every {} frames",
-            measuring.zero_every
-        ));
+    if let Some(every) = more.zero_every.filter(|every| *every > 0) {
+        words.push(format!("a zero-current frame every {every} frames"));
     }
-    let ranges = if measuring.planned_ranges {
+    let ranges = if more.planned_ranges == Some(true) {
         format!(
             "one for each reading: {} changes in a frame take {}; noise {:.3} rms ({:.3} median) instead of {:.3}",
-            measuring.range_changes,
-            seconds(measuring.range_time_s),
-            Volts(measuring.noise_v),
-            Volts(measuring.noise_median_v),
-            Volts(measuring.noise_fixed_v)
+            more.range_changes.unwrap_or(0),
+            seconds(more.range_time_s),
+            volts(more.noise_v),
+            volts(more.noise_median_v),
+            volts(more.noise_fixed_v)
         )
     } else {
         format!(
             "{} for every reading, noise {:.3}",
-            Volts(measuring.range_v),
-            Volts(measuring.noise_fixed_v)
+            volts(more.range_v),
+            volts(more.noise_fixed_v)
         )
     };
-    let mut pattern = match measuring.skip {
+    let mut pattern = match more.skip.unwrap_or(0) {
         0 => "neighbouring pairs".to_owned(),
         skip => format!("pairs with {skip} electrodes between the two"),
     };
-    if measuring.half {
+    if more.half == Some(true) {
         pattern.push_str(", one of each two reciprocal readings");
     }
-    let costs = match measuring.costs.as_slice() {
+    let costs = match more.costs().as_slice() {
         [] => String::new(),
         costs => format!("cost        {}\n", costs_text(costs)),
     };
-    format!(
+    Some(format!(
         "pattern     {pattern}\nmeasuring   {}\nranges      {ranges}\n{costs}",
         words.join(", ")
-    )
+    ))
 }
 
-fn for_a_person(plan: &Plan, steps: bool) -> String {
+fn for_a_person(plan: &PlanReport, steps: bool) -> String {
+    let more = &plan.more;
     let most = |limit: Option<String>| {
         limit
             .map(|limit| format!(" (at most {limit})"))
@@ -197,7 +178,7 @@ fn for_a_person(plan: &Plan, steps: bool) -> String {
          duration    {}\n\
          current     {}{}\n\
          compliance  {}{}\n",
-        plan.wiring.as_deref().unwrap_or("not named"),
+        more.wiring.as_deref().unwrap_or("not named"),
         plan.injections,
         plan.readings,
         plan.reading_messages,
@@ -206,19 +187,19 @@ fn for_a_person(plan: &Plan, steps: bool) -> String {
         display_span(Duration::try_from_secs_f64(plan.duration_s).unwrap_or_default()),
         Amps(plan.current_a),
         most(
-            plan.source_current_max_a
+            more.source_current_max_a
                 .into_iter()
-                .chain(plan.relay_current_max_a)
+                .chain(more.relay_current_max_a)
                 .reduce(f64::min)
                 .map(|amps| Amps(amps).to_string())
         ),
         Volts(plan.compliance_v),
         most(
-            plan.relay_voltage_max_v
+            more.relay_voltage_max_v
                 .map(|volts| Volts(volts).to_string())
         ),
     );
-    text.push_str(&plan.measuring.as_ref().map(describe).unwrap_or_default());
+    text.push_str(&describe(more).unwrap_or_default());
     if steps {
         for line in &plan.lines {
             text.push_str(line);
@@ -236,7 +217,7 @@ mod tests {
 
     #[test]
     fn plan_text_names_its_limits() {
-        let plan = from_report(PlanReport {
+        let plan = PlanReport {
             steps: 3,
             injections: 26,
             readings: 598,
@@ -252,7 +233,7 @@ mod tests {
                 relay_current_max_a: Some(0.01),
                 ..PlanDetails::default()
             },
-        });
+        };
         let short = for_a_person(&plan, false);
         assert!(
             short.contains("26 injections, 598 readings in 26 messages"),
@@ -265,7 +246,7 @@ mod tests {
         assert!(!short.contains("source to 0 A"));
         assert!(for_a_person(&plan, true).contains("source to 0 A"));
         assert_eq!(
-            serde_json::to_string(&plan).unwrap(),
+            json_line(&plan).to_string(),
             "{\"wiring\":\"34924A pairs in slot 1\",\"steps\":3,\"injections\":26,\"readings\":598,\"relay_moves\":52,\
              \"reading_messages\":26,\"duration_s\":12.5,\"current_a\":0.001,\"compliance_v\":10.0,\
              \"source_current_max_a\":0.1,\"relay_current_max_a\":0.01,\"relay_voltage_max_v\":null,\
@@ -292,7 +273,7 @@ mod tests {
                 gain,
             });
         }
-        let text = describe(&measuring(&more).unwrap());
+        let text = describe(&more).unwrap();
         assert!(
             text.contains("cost        averages 9.0 s (noise / 2.00), settle 50 ms, half saves 2.5 s (noise x 1.41)"),
             "{text}"

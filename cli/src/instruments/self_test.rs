@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use dbus::{Options, RelayWear, TestReport};
 use serde::Serialize;
+use serde_json::json;
 use survey::{Ohms, Volts};
 
 use crate::connection::{Daemon, fault};
@@ -12,36 +13,6 @@ use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;
 use crate::output::table::columns;
-
-/// A line of `instruments test --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-#[serde(tag = "event", rename_all = "snake_case")]
-enum SelfTestLine {
-    Line {
-        subject: String,
-        check: String,
-        verdict: String,
-        measured: Option<f64>,
-        expected: Option<f64>,
-        unit: String,
-        text: String,
-    },
-    Report {
-        passed: bool,
-        findings: Vec<String>,
-        at: Option<String>,
-        wiring: Option<String>,
-        simulated: Option<bool>,
-        current_a: Option<f64>,
-        sheet_ohm: Option<f64>,
-        misfit: Option<f64>,
-        pauw_ohm: Option<f64>,
-        pauw_raw_ohm: Option<f64>,
-        reciprocity: Option<f64>,
-        noise_v: Option<f64>,
-        offset_v: Option<f64>,
-    },
-}
 
 /// A line of `instruments relays --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -104,35 +75,38 @@ pub(crate) async fn test(
 
 fn show(report: TestReport, all: bool, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     let finite = |value: f64| Some(value).filter(|value| value.is_finite());
-    let simulated = report.more.simulated;
     if printer.is_json() {
-        for line in report.lines {
-            let line = SelfTestLine::Line {
-                measured: finite(line.measured),
-                expected: finite(line.expected),
-                subject: line.subject,
-                check: line.check,
-                verdict: line.verdict,
-                unit: line.unit,
-                text: line.text,
-            };
+        // the lines of `instruments test --json`; see `docs/reference/json.md`
+        for line in &report.lines {
+            let line = json!({
+                "event": "line",
+                "subject": line.subject,
+                "check": line.check,
+                "verdict": line.verdict,
+                "measured": finite(line.measured),
+                "expected": finite(line.expected),
+                "unit": line.unit,
+                "text": line.text,
+            });
             printer.record(&line, |_| String::new())?;
         }
-        let whole = SelfTestLine::Report {
-            passed: report.passed,
-            findings: report.findings.clone(),
-            at: report.more.at,
-            wiring: report.more.wiring,
-            simulated,
-            current_a: report.more.current_a,
-            sheet_ohm: report.more.sheet_ohm,
-            misfit: report.more.misfit,
-            pauw_ohm: report.more.pauw_ohm,
-            pauw_raw_ohm: report.more.pauw_raw_ohm,
-            reciprocity: report.more.reciprocity,
-            noise_v: report.more.noise_v,
-            offset_v: report.more.offset_v,
-        };
+        let more = &report.more;
+        let whole = json!({
+            "event": "report",
+            "passed": report.passed,
+            "findings": report.findings,
+            "at": more.at,
+            "wiring": more.wiring,
+            "simulated": more.simulated,
+            "current_a": more.current_a,
+            "sheet_ohm": more.sheet_ohm,
+            "misfit": more.misfit,
+            "pauw_ohm": more.pauw_ohm,
+            "pauw_raw_ohm": more.pauw_raw_ohm,
+            "reciprocity": more.reciprocity,
+            "noise_v": more.noise_v,
+            "offset_v": more.offset_v,
+        });
         printer.record(&whole, |_| String::new())?;
     } else {
         let rows: Vec<[String; 6]> = report
@@ -167,7 +141,7 @@ fn show(report: TestReport, all: bool, printer: &mut Printer<impl Write>) -> Res
             sound('r'),
             sound('e')
         ))?;
-        if simulated == Some(true) {
+        if report.more.simulated == Some(true) {
             printer.text("SIMULATED")?;
         }
         for finding in &report.findings {

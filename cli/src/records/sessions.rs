@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use logbook::{SessionKind, SessionSummary};
-use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::args::{Global, Sessions};
 use crate::failure::Failure;
@@ -14,53 +14,23 @@ use crate::output::time::{local, utc};
 use crate::session_files;
 
 /// A line of `sessions --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct Session {
-    id: String,
-    kind: &'static str,
-    started: String,
-    last_frame: Option<String>,
-    frames: u64,
-    simulated: bool,
-    closed: bool,
-    closed_at: Option<String>,
-    reason: Option<String>,
-    electrodes: usize,
-    readings: usize,
-    note: String,
-    path: String,
-}
-
-impl From<&SessionSummary> for Session {
-    fn from(summary: &SessionSummary) -> Self {
-        Self {
-            id: summary.id.clone(),
-            kind: summary.kind.as_str(),
-            started: utc(summary.started),
-            last_frame: summary.last.map(utc),
-            frames: summary.frames,
-            simulated: summary.simulated,
-            closed: summary.closed.is_some(),
-            closed_at: summary.closed.as_ref().map(|closing| utc(closing.at)),
-            reason: summary
-                .closed
-                .as_ref()
-                .map(|closing| closing.reason.clone()),
-            electrodes: summary.electrodes,
-            readings: summary.readings,
-            note: summary.note.clone(),
-            path: summary.path.display().to_string(),
-        }
-    }
-}
-
-/// A line of `baseline list --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct Baseline {
-    #[serde(flatten)]
-    session: Session,
-    /// Whether sessions are measured against it; `None` if no daemon replies.
-    in_use: Option<bool>,
+fn json_line(summary: &SessionSummary) -> Value {
+    let closed = summary.closed.as_ref();
+    json!({
+        "id": summary.id,
+        "kind": summary.kind.as_str(),
+        "started": utc(summary.started),
+        "last_frame": summary.last.map(utc),
+        "frames": summary.frames,
+        "simulated": summary.simulated,
+        "closed": closed.is_some(),
+        "closed_at": closed.map(|closing| utc(closing.at)),
+        "reason": closed.map(|closing| &closing.reason),
+        "electrodes": summary.electrodes,
+        "readings": summary.readings,
+        "note": summary.note,
+        "path": summary.path.display().to_string(),
+    })
 }
 
 /// Lists every recorded session, or those of the archive.
@@ -83,7 +53,7 @@ pub(crate) fn run(
     if printer.is_json() {
         return sessions
             .iter()
-            .try_for_each(|summary| printer.record(&Session::from(summary), |_| String::new()));
+            .try_for_each(|summary| printer.record(&json_line(summary), |_| String::new()));
     }
     show(&places, &sessions, &[], printer)
 }
@@ -94,10 +64,9 @@ pub(crate) fn baselines(global: &Global, printer: &mut Printer<impl Write>) -> R
     let used = session_files::baseline_in_use(global)?;
     if printer.is_json() {
         return sessions.iter().try_for_each(|summary| {
-            let line = Baseline {
-                session: Session::from(summary),
-                in_use: used.as_ref().map(|used| *used == summary.id),
-            };
+            let mut line = json_line(summary);
+            // whether sessions are measured against it; unknown if no daemon replies
+            line["in_use"] = json!(used.as_ref().map(|used| *used == summary.id));
             printer.record(&line, |_| String::new())
         });
     }

@@ -14,7 +14,7 @@ use std::path::Path;
 use imaging::recorded::{Recording, SessionParts};
 use logbook::{Event, Verified};
 use outfile::NewFolder;
-use serde::Serialize;
+use serde_json::json;
 
 use crate::args::{Global, Report};
 use crate::failure::Failure;
@@ -25,19 +25,6 @@ use crate::session_files;
 use health::Health;
 use moments::Moments;
 use rows::SessionRows;
-
-/// The line of `report --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct Written {
-    path: String,
-    session: String,
-    simulated: bool,
-    frames: u64,
-    events: usize,
-    gaps: usize,
-    unexplained: usize,
-    maps: usize,
-}
 
 /// All data of the page.
 struct Facts<'a> {
@@ -116,20 +103,20 @@ pub(crate) fn run(
     folder.put("index.html", html.as_bytes())?;
     let folder = folder.finish()?;
     let gaps = &facts.verified.gaps;
-    let written = Written {
-        path: folder.join("index.html").display().to_string(),
-        session: header.id.clone(),
-        simulated: header.simulated,
-        frames: facts.verified.frames,
-        events: facts.events.len(),
-        gaps: gaps.len(),
-        unexplained: gaps.iter().filter(|gap| gap.explained.is_none()).count(),
-        maps: facts
-            .maps
-            .as_ref()
-            .map_or(0, |maps| maps.moments.shown.len()),
-    };
-    printer.record(&written, |written| format!("report    {}", written.path))
+    let path = folder.join("index.html").display().to_string();
+    let maps = facts.maps.as_ref();
+    // the line of `report --json`; see `docs/reference/json.md`
+    let written = json!({
+        "path": path,
+        "session": header.id,
+        "simulated": header.simulated,
+        "frames": facts.verified.frames,
+        "events": facts.events.len(),
+        "gaps": gaps.len(),
+        "unexplained": gaps.iter().filter(|gap| gap.explained.is_none()).count(),
+        "maps": maps.map_or(0, |maps| maps.moments.shown.len()),
+    });
+    printer.record(&written, |_| format!("report    {path}"))
 }
 
 fn map_facts<'a>(
