@@ -3,22 +3,22 @@
 use std::io::Write;
 
 use imaging::recorded::SessionParts;
+use logbook::Event;
 use serde::Serialize;
 use survey::printable;
 
 use crate::args::Global;
 use crate::failure::Failure;
 use crate::output::Printer;
-use crate::output::time::{local, utc};
+use crate::output::time::local;
 use crate::session_files;
 
 /// A line of `events --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Event {
-    session: String,
-    at: String,
-    kind: String,
-    text: String,
+struct Line<'a> {
+    session: &'a str,
+    #[serde(flatten)]
+    event: Event,
 }
 
 pub(crate) fn run(
@@ -32,18 +32,16 @@ pub(crate) fn run(
         return printer.text("this session has no events, only frames");
     }
     for event in events {
-        let line = Event {
-            session: session.header().id.clone(),
-            at: utc(event.at),
-            kind: event.kind.clone(),
-            text: event.text.clone(),
+        let line = Line {
+            session: &session.header().id,
+            event,
         };
-        printer.record(&line, |line| {
+        printer.record(&line, |Line { event, .. }| {
             format!(
                 "{}  {:17}  {}",
                 local(event.at),
-                printable(&line.kind),
-                printable(&line.text)
+                printable(&event.kind),
+                printable(&event.text)
             )
         })?;
     }

@@ -14,22 +14,17 @@ use survey::printable;
 use crate::args::{Global, Log};
 use crate::connection::{Daemon, LAST, fault};
 use crate::failure::{Failure, chain};
-use crate::output::time::{local, utc};
+use crate::output::time::local;
 use crate::output::{Printer, complain};
 use crate::session_files;
 
 /// A line of `log --json`; see `docs/reference/json.md`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 struct LogLine {
-    #[serde(serialize_with = "as_utc")]
     at: DateTime<Utc>,
     session: Option<String>,
     kind: String,
     text: String,
-}
-
-fn as_utc<S: serde::Serializer>(at: &DateTime<Utc>, to: S) -> Result<S::Ok, S::Error> {
-    to.serialize_str(&utc(*at))
 }
 
 impl LogLine {

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use chrono::{DateTime, Utc};
 use imaging::noise::rms_deviation;
 use imaging::recorded::SessionParts;
 use logbook::{About, InstrumentRecord, LogbookError};
@@ -21,10 +22,10 @@ struct SessionDetails {
     id: String,
     kind: &'static str,
     simulated: bool,
-    started: String,
-    ended: Option<String>,
+    started: DateTime<Utc>,
+    ended: Option<DateTime<Utc>>,
     reason: Option<String>,
-    last_frame: Option<String>,
+    last_frame: Option<DateTime<Utc>>,
     duration_s: Option<f64>,
     frames: u64,
     bytes: u64,
@@ -71,7 +72,7 @@ struct Measured {
 struct BaselineDetails {
     id: String,
     frames: usize,
-    taken: String,
+    taken: DateTime<Utc>,
     noise_v: Option<f64>,
 }
 
@@ -97,7 +98,7 @@ impl From<&Baseline> for BaselineDetails {
         Self {
             id: baseline.id.clone(),
             frames: baseline.frames,
-            taken: utc(baseline.wall),
+            taken: baseline.wall,
             noise_v: rms_deviation(baseline),
         }
     }
@@ -111,29 +112,12 @@ pub(crate) fn run(
 ) -> Result<(), Failure> {
     let session = SessionParts::open(&session_files::session_file(global, named)?)?;
     let details = details(&session)?;
-    let times = Times::of(&session);
-    printer.record(&details, |details| page(details, &times))
+    printer.record(&details, page)
 }
 
 /// The entries that `sessions show` prints about a session, a name and a text each.
 pub(crate) fn entries(session: &SessionParts) -> Result<Vec<(String, String)>, Failure> {
-    Ok(lines(&details(session)?, &Times::of(session)))
-}
-
-/// Begin and end as text.
-struct Times {
-    started: String,
-    ended: Option<String>,
-}
-
-impl Times {
-    fn of(session: &SessionParts) -> Self {
-        let last_part = session.each().last().unwrap_or(&session.each()[0]);
-        Self {
-            started: local(session.header().started),
-            ended: last_part.closed().map(|closing| local(closing.at)),
-        }
-    }
+    Ok(lines(&details(session)?))
 }
 
 fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
@@ -164,10 +148,10 @@ fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
         id: header.id.clone(),
         kind: header.kind.as_str(),
         simulated: header.simulated,
-        started: utc(header.started),
-        ended: closed.map(|closing| utc(closing.at)),
+        started: header.started,
+        ended: closed.map(|closing| closing.at),
         reason: closed.map(|closing| closing.reason.clone()),
-        last_frame: last.as_ref().map(|record| utc(record.frame.wall)),
+        last_frame: last.as_ref().map(|record| record.frame.wall),
         duration_s: closed
             .map(|closing| (closing.at - header.started).as_seconds_f64())
             .or(span),
@@ -213,8 +197,8 @@ fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
 }
 
 /// One entry per line.
-fn page(shown: &SessionDetails, times: &Times) -> String {
-    let lines = lines(shown, times);
+fn page(shown: &SessionDetails) -> String {
+    let lines = lines(shown);
     let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     let lines: Vec<String> = lines
         .iter()
@@ -229,7 +213,7 @@ const CONFIG_UNREAD: &str = "not known: the stored configuration cannot be read"
 const FRAME_UNREAD: &str = "not known: the last frame cannot be read";
 
 /// Names and texts. Unknown values are left out, unless it matters that they are unknown.
-fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
+fn lines(shown: &SessionDetails) -> Vec<(String, String)> {
     let mut lines: Vec<(String, String)> = Vec::new();
     let mut push = |name: &str, text: String| {
         if !text.is_empty() {
@@ -241,11 +225,11 @@ fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
         "session",
         format!("{}, {}{simulated}", shown.id, shown.kind),
     );
-    push("started", times.started.clone());
+    push("started", local(shown.started));
     push(
         "ended",
-        match (&times.ended, &shown.reason) {
-            (Some(ended), Some(reason)) => format!("{ended}, {reason}"),
+        match (shown.ended, &shown.reason) {
+            (Some(ended), Some(reason)) => format!("{}, {reason}", local(ended)),
             _ => "not yet, or its daemon was killed".to_owned(),
         },
     );
@@ -317,7 +301,9 @@ fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
                 });
                 format!(
                     "{}, {} frames, {}{noise}",
-                    baseline.id, baseline.frames, baseline.taken
+                    baseline.id,
+                    baseline.frames,
+                    utc(baseline.taken)
                 )
             }
         },
