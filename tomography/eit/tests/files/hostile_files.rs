@@ -8,10 +8,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weights};
 use eit::model::{load, save};
 use eit::{
-    Case, CaseError, DiscTank, Existing, Mesh, Model, Network, RbfNetwork, Report, TrainingReport,
-    TrainingSettings, frames_text, load_reconstructor, read_frames,
+    Case, CaseError, DeepNetwork, DeepReport, DeepSettings, DiscTank, Existing, Mesh, Model,
+    Network, Precision, RbfNetwork, Report, TrainingReport, TrainingSettings, frames_text,
+    load_reconstructor, read_frames,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,7 +25,8 @@ fn mutations() -> u64 {
     std::env::var("TACTUS_MUTATIONS").map_or(200, |text| text.parse().unwrap())
 }
 
-fn model() -> Model {
+/// A model of a network made for these numbers of readings and triangles.
+fn model(network: fn(usize, usize) -> (Network, Report)) -> Model {
     let tank = DiscTank {
         radius_mm: 100.0,
         electrodes: 8,
@@ -32,13 +35,13 @@ fn model() -> Model {
     };
     let mesh = Arc::new(tank.mesh().unwrap());
     let protocol = Protocol::sheffield(8).unwrap();
-    let (network, report) = small_network(protocol.len(), mesh.region().len());
+    let (network, report) = network(protocol.len(), mesh.region().len());
     let settings = TrainingSettings::default();
     Model::new("small", mesh, &protocol, network, settings, report, None).unwrap()
 }
 
 /// An untrained network of nine neurons.
-fn small_network(inputs: usize, outputs: usize) -> (Network, Report) {
+fn rbf(inputs: usize, outputs: usize) -> (Network, Report) {
     const NEURONS: usize = 9;
     let wave = |count: usize| (0..count).map(|k| 0.01 * (k as f64).sin());
     let network = RbfNetwork::new(
@@ -62,6 +65,45 @@ fn small_network(inputs: usize, outputs: usize) -> (Network, Report) {
         largest_weight: 0.01,
     };
     (Network::Rbf(network), Report::Rbf(report))
+}
+
+/// An untrained network with a hidden layer of nine, stored as int8.
+fn deep(inputs: usize, outputs: usize) -> (Network, Report) {
+    const HIDDEN: usize = 9;
+    let wave = |count: usize| {
+        (0..count)
+            .map(|k| 0.01 * (k as f32).sin())
+            .collect::<Vec<_>>()
+    };
+    let layer = |inputs: usize, outputs: usize| Layer {
+        weights: Weights::F32(wave(inputs * outputs)),
+        bias: wave(outputs),
+    };
+    let network = DeepNetwork::new(
+        wave(inputs),
+        vec![1.0; inputs],
+        wave(inputs),
+        vec![layer(inputs, HIDDEN), layer(HIDDEN, outputs)],
+    )
+    .unwrap();
+    let familiar = TrainingDistribution::learn(&wave(50 * inputs), inputs).unwrap();
+    let report = DeepReport {
+        settings: DeepSettings::default(),
+        parameters: 1,
+        samples: 50,
+        epochs: 1,
+        best_epoch: 1,
+        training_loss: 0.5,
+        held_out_loss: 0.7,
+        empty_loss: 1.4,
+        kept: Rounding {
+            precision: Precision::Int8,
+            map_change: 0.01,
+            held_out_loss: 0.71,
+        },
+    };
+    let network = network.with_precision(Precision::Int8);
+    (Network::Deep(network, familiar), Report::Deep(report))
 }
 
 /// Bytes with one to four changes: overwritten bytes, flipped bits, pieces removed, duplicated or moved.
@@ -136,7 +178,7 @@ fn network_without_readings_or_whole_rows_is_refused() {
 fn a_model_file_may_change_while_it_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.safetensors");
-    let model = model();
+    let model = model(rbf);
     save(&path, Existing::Refuse, &model).unwrap();
     let whole = std::fs::read(&path).unwrap();
     let flat = vec![Reading::Ok(Volts(1e-3)); model.protocol().len()];
@@ -177,10 +219,14 @@ fn a_pipe_in_place_of_a_model_is_refused_at_once() {
 
 #[test]
 fn a_mutated_model_is_refused_or_is_the_same_model() {
+    mutate(&model(rbf));
+    mutate(&model(deep));
+}
+
+fn mutate(model: &Model) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.safetensors");
-    let model = model();
-    save(&path, Existing::Refuse, &model).unwrap();
+    save(&path, Existing::Refuse, model).unwrap();
     // its metadata reads back to within the last digit of the numbers
     let model = load(&path).unwrap();
     let whole = std::fs::read(&path).unwrap();
@@ -216,9 +262,14 @@ fn a_mutated_model_is_refused_or_is_the_same_model() {
 
 #[test]
 fn a_forged_model_is_refused_or_makes_maps() {
+    forge(&model(rbf));
+    forge(&model(deep));
+}
+
+fn forge(model: &Model) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.safetensors");
-    save(&path, Existing::Refuse, &model()).unwrap();
+    save(&path, Existing::Refuse, model).unwrap();
     let whole = std::fs::read(&path).unwrap();
     let (text, tensors) = opened(&whole);
     // sealing must match the crate, otherwise every file below would be refused for its checksum alone
@@ -270,7 +321,7 @@ fn a_forged_model_is_refused_or_makes_maps() {
 fn a_name_that_acts_on_a_terminal_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.safetensors");
-    save(&path, Existing::Refuse, &model()).unwrap();
+    save(&path, Existing::Refuse, &model(rbf)).unwrap();
     let (text, tensors) = opened(&std::fs::read(&path).unwrap());
     for name in ["\\u001b[2J", "a\\n[notify]", "\\u202e", "\\u0000"] {
         let named = text.replacen("\"small\"", &format!("\"{name}\""), 1);

@@ -114,6 +114,16 @@ impl DeepNetwork {
                     layer.outputs()
                 ));
             }
+            if let Weights::Int8 { scales, .. } = &layer.weights
+                && scales.len() != layer.outputs()
+            {
+                return Err(format!(
+                    "layer {} has {} scales and {} outputs",
+                    index + 1,
+                    scales.len(),
+                    layer.outputs()
+                ));
+            }
             width = layer.outputs();
         }
         if layers.is_empty() || mean.is_empty() {
