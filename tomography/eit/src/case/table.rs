@@ -177,7 +177,8 @@ impl Table {
                         value.ok_or_else(|| CaseError::Missing {
                             path: self.path.clone(),
                             line,
-                            column: column + 1,
+                            // of the file, where labels are the first
+                            column: column + 1 + usize::from(self.labels.is_some()),
                         })
                     })
                     .collect::<Result<_, _>>()?;

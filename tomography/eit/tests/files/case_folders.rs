@@ -291,6 +291,12 @@ fn faulty_meshes_name_file_and_line() {
     for (fault, wanted) in &faults {
         assert!(fault.contains(wanted), "{fault}");
     }
+    // labels are a column of the file
+    let labelled = path.join("labelled.csv");
+    std::fs::write(&labelled, "a,1\nb,nan\n").unwrap();
+    let fault = case.sigma(labelled.to_str().unwrap()).unwrap_err();
+    let wanted = "labelled.csv:2: column 2 is empty or not a finite number";
+    assert!(fault.to_string().contains(wanted), "{fault}");
     // a second piece far away
     let nodes = std::fs::read_to_string(path.join("nodes.csv")).unwrap();
     std::fs::write(path.join("nodes.csv"), nodes + "1,1\n2,1\n1,2\n").unwrap();
