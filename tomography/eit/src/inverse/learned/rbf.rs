@@ -227,7 +227,8 @@ impl Reconstructor for RbfReconstructor {
         frame: &[Reading],
     ) -> Result<Option<Novelty>, ReconstructError> {
         let (distances, _) = self.distances(baseline, frame)?;
-        Ok(Some(Novelty {
+        // without that distance, nothing says which frames are novel
+        Ok((self.familiar > 0.0).then(|| Novelty {
             value: self.network.nearest(&distances),
             limit: self.familiar,
             measure: "distance to the nearest centre of the network, in spreads",

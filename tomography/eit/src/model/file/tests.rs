@@ -111,14 +111,18 @@ fn a_wrong_own_misfit_is_refused() {
 fn novelty_needs_a_distance_of_the_training_inputs() {
     let volts = |volts| vec![Reading::Ok(Volts(volts)); model().protocol.len()];
     let (baseline, frame) = (volts(1.0), volts(1.3));
+    let network = |familiar| read(&with_familiar(familiar)).unwrap().into_reconstructor();
     let quality = |familiar| {
-        let network = read(&with_familiar(familiar)).unwrap().into_reconstructor();
-        network.reconstruct(&baseline, &frame).unwrap().quality
+        let map = network(familiar).reconstruct(&baseline, &frame).unwrap();
+        map.quality
     };
+    let novelty = |familiar| network(familiar).novelty(&baseline, &frame).unwrap();
     assert!(quality(1.0).is_some_and(|quality| quality.text().contains("1.9 times")));
     assert_eq!(quality(5.0), None);
     // as many neurons as samples
     assert_eq!(quality(0.0), None);
+    assert!(novelty(1.0).is_some_and(|novelty| novelty.outside()));
+    assert_eq!(novelty(0.0), None);
     let refused = read(&with_familiar(-1.0)).unwrap_err();
     assert!(matches!(refused, ModelError::Damaged { .. }), "{refused}");
 }
