@@ -397,7 +397,7 @@ fn from_preset(
 /// Converts the refusal of a model or method to a failure of this command line.
 fn not_built(error: BuildError) -> Failure {
     match &error {
-        BuildError::File { path, cause } => Failure::failed(&path.display().to_string(), cause),
+        BuildError::File(cause) => Failure::Failed(survey::error_chain(cause)),
         BuildError::Survey {
             model,
             asks,

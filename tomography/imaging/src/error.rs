@@ -12,14 +12,8 @@ const HALF: &str = ", or set survey.half = false (a whole frame), or use method 
 #[derive(Debug, thiserror::Error)]
 pub enum BuildError {
     /// The model file cannot be read.
-    #[error("model file {}: {cause}", .path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        #[source]
-        cause: eit::ModelError,
-    },
+    #[error(transparent)]
+    File(#[from] eit::ModelError),
     /// The model was made for another protocol.
     #[error(
         "model {model} needs {asks} readings of {model_electrodes} electrodes (protocol {model_hash}), the frames have {rig} \

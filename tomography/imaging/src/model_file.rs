@@ -31,10 +31,7 @@ pub fn load(
         })?;
         return onnx(path, loss_only, geometry, protocol);
     }
-    let loaded = eit::model::load(path).map_err(|cause| BuildError::File {
-        path: path.to_owned(),
-        cause,
-    })?;
+    let loaded = eit::model::load(path)?;
     let hash = Some(loaded.hash().to_owned());
     let own_misfit = loaded.metadata().own_misfit.clone();
     let model = Model::trained(loaded.into_reconstructor(), loss_only);
@@ -54,12 +51,9 @@ fn onnx(
     protocol: &Protocol,
 ) -> Result<Model, BuildError> {
     let network = load_onnx(path, Arc::clone(&geometry.mesh), protocol)?;
-    let bytes = std::fs::read(path).map_err(|cause| BuildError::File {
+    let bytes = std::fs::read(path).map_err(|cause| eit::ModelError::Io {
         path: path.to_owned(),
-        cause: eit::ModelError::Io {
-            path: path.to_owned(),
-            cause,
-        },
+        cause,
     })?;
     Ok(Model {
         hash: Some(eit::model::fingerprint(&bytes)),
@@ -155,6 +149,16 @@ mod tests {
                     .is_some_and(|misfit| misfit.classes.len() == 4)
             );
         }
+    }
+
+    #[test]
+    fn the_error_of_a_model_file_names_it_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("short.safetensors");
+        std::fs::write(&file, "").unwrap();
+        let refused = load(&file, false, &Protocol::sheffield(8).unwrap(), None);
+        let wanted = format!("model file {} is truncated: copy it again", file.display());
+        assert_eq!(survey::error_chain(&refused.err().unwrap()), wanted);
     }
 
     #[test]

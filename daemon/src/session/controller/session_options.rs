@@ -420,7 +420,7 @@ impl Controller {
         match loaded.await {
             Ok(Ok(chosen)) => Ok(chosen),
             Ok(Err(fault)) if fault.is_mismatch() => Err(Fault::ModelMismatch(chain(&fault))),
-            Ok(Err(fault @ (BuildError::File { .. } | BuildError::Onnx(_)))) => {
+            Ok(Err(fault @ (BuildError::File(_) | BuildError::Onnx(_)))) => {
                 Err(Fault::ModelFile(chain(&fault)))
             }
             Ok(Err(fault)) => Err(Fault::Failed(chain(&fault))),
