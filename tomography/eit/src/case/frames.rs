@@ -62,15 +62,15 @@ pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>
             .map(|(k, name)| (name, table.rows.iter().map(|row| row[k]).collect()))
             .collect());
     }
-    Err(CaseError::Columns {
-        path: path.to_owned(),
-        line: table.lines.first().copied().unwrap_or(1),
-        has: table.width(),
-        wants: format!(
-            "{readings} (one row per frame, optionally with a first column '{LABEL}' of labels; or {readings} rows and one column per \
-             frame; the file has {frames} rows)"
-        ),
-    })
+    let wants = format!(
+        "{readings} (one row per frame, optionally with a first column '{LABEL}' of labels; or {readings} rows and one column per \
+         frame; the file has {frames} rows)"
+    );
+    Err(table.wrong_columns(
+        table.lines.first().copied().unwrap_or(1),
+        table.width(),
+        wants,
+    ))
 }
 
 /// Frames as the text of a file: header `m0,m1,...`, a row per frame.

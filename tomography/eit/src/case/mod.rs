@@ -17,6 +17,7 @@ use std::sync::Arc;
 
 use survey::{Electrode, Protocol};
 
+use crate::mesh::bounding_box;
 use crate::{Depth, Mesh, MeshError};
 pub use error::CaseError;
 pub use frames::{NamedFrame, frames_text, read_frames, read_named_frames};
@@ -186,11 +187,7 @@ impl Case {
         let rows = Table::read(path)?.numbers(wants, wants)?;
         for (line, row) in &rows {
             if let Some(&value) = row.iter().find(|value| **value < 0.0) {
-                return Err(CaseError::Negative {
-                    path: path.to_owned(),
-                    line: *line,
-                    value,
-                });
+                return Err(negative(path, *line, value));
             }
         }
         Ok(rows)
@@ -204,20 +201,14 @@ impl Case {
     fn read_sigma(&self, path: &Path) -> Result<Vec<f64>, CaseError> {
         let rows = Table::read(path)?.numbers(1, 1)?;
         if let Some((line, row)) = rows.iter().find(|(_, row)| row[0] < 0.0) {
-            return Err(CaseError::Negative {
-                path: path.to_owned(),
-                line: *line,
-                value: row[0],
-            });
+            return Err(negative(path, *line, row[0]));
         }
         let values: Vec<f64> = rows.into_iter().map(|(_, row)| row[0]).collect();
         let wants = self.mesh.triangles().len();
         if values.len() != wants {
-            return Err(CaseError::Rows {
-                path: path.to_owned(),
-                has: values.len(),
-                wants: format!("{wants} (one an element)"),
-            });
+            let has = values.len();
+            let fault = format!("{has} rows, {wants} (one an element) are needed");
+            return Err(CaseError::refused(path, None, fault));
         }
         Ok(values)
     }
@@ -257,11 +248,8 @@ fn read_depth(path: &Path) -> Result<Option<Depth>, CaseError> {
     ];
     let rows = Table::read(path)?.in_units(&columns)?.numbers(4, 5)?;
     let [(line, row)] = &rows[..] else {
-        return Err(CaseError::Rows {
-            path: path.to_owned(),
-            has: rows.len(),
-            wants: "1".to_owned(),
-        });
+        let fault = format!("{} rows, 1 are needed", rows.len());
+        return Err(CaseError::refused(path, None, fault));
     };
     // without the fifth, a change reaches from the bottom to the surface
     let target = row.get(4).copied().unwrap_or(row[0]);
@@ -282,23 +270,14 @@ fn read_electrodes(path: &Path) -> Result<(Table, Vec<f64>), CaseError> {
         .enumerate()
         .map(|(wants, (line, row))| {
             let has = table.index(line, "electrode", row[0])?;
-            let path = path.to_owned();
-            if has != wants {
-                Err(CaseError::ElectrodeOrder {
-                    path,
-                    line,
-                    has,
-                    wants,
-                })
+            let fault = if has != wants {
+                format!("electrode {has} where electrode {wants} is expected (numbered from 0, in order)")
             } else if row[1] < 0.0 {
-                Err(CaseError::Contact {
-                    path,
-                    line,
-                    value: row[1],
-                })
+                format!("contact impedance {} ohm m is negative", row[1])
             } else {
-                Ok(row[1])
-            }
+                return Ok(row[1]);
+            };
+            Err(table.refused(line, fault))
         })
         .collect::<Result<_, _>>()?;
     Ok((table, contacts))
@@ -322,18 +301,21 @@ fn read_edges(
 
 /// Refuses a sheet that only values in another unit can describe.
 fn check_size(path: &Path, nodes: &[[f64; 2]]) -> Result<(), CaseError> {
-    let size_m = [0, 1].map(|axis| {
-        let along = || nodes.iter().map(|node| node[axis]);
-        along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
-    });
-    match size_m.iter().any(|extent| *extent > LARGEST_M) {
-        true => Err(CaseError::Large {
-            path: path.to_owned(),
-            size_m,
-            most: LARGEST_M,
-        }),
-        false => Ok(()),
+    let [low, high] = bounding_box(nodes.iter().copied());
+    let [width, height] = [high[0] - low[0], high[1] - low[1]];
+    if width.max(height) <= LARGEST_M {
+        return Ok(());
     }
+    let fault = format!(
+        "the sheet is {width:.0} m x {height:.0} m, and at most {LARGEST_M} m are possible. If the values are in mm, it is \
+         {width:.0} mm x {height:.0} mm: divide them by 1000, x_m and y_m are in m"
+    );
+    Err(CaseError::refused(path, None, fault))
+}
+
+/// The error of a conductance below zero.
+fn negative(path: &Path, line: usize, value: f64) -> CaseError {
+    CaseError::refused(path, line, format!("conductance {value} S is negative"))
 }
 
 /// The last line with an edge of this electrode that has all these nodes.

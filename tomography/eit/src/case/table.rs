@@ -1,5 +1,6 @@
 //! Tables of numbers in the format of case folders: header, labels, line numbers.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use super::CaseError;
@@ -88,12 +89,7 @@ impl Table {
         for (line, fields) in body {
             let line = *line;
             if fields.len() != width {
-                return Err(CaseError::Columns {
-                    path: path.to_owned(),
-                    line,
-                    has: fields.len(),
-                    wants: width.to_string(),
-                });
+                return Err(table.wrong_columns(line, fields.len(), width));
             }
             if let Some(labels) = &mut table.labels {
                 labels.push(fields[0].to_owned());
@@ -109,11 +105,11 @@ impl Table {
                     field
                         .parse::<f64>()
                         .map(|value| Some(value).filter(|value| value.is_finite()))
-                        .map_err(|_| CaseError::NotANumber {
-                            path: path.to_owned(),
-                            line,
-                            column: column + 1,
-                            text: (*field).to_owned(),
+                        .map_err(|_| {
+                            let column = column + 1;
+                            let fault =
+                                format!("column {column} is '{field}', which is not a number");
+                            CaseError::refused(path, line, fault)
                         })
                 })
                 .collect::<Result<_, _>>()?;
@@ -136,11 +132,9 @@ impl Table {
                 let quantity = wants.strip_suffix(unit);
                 let other = quantity.and_then(|quantity| has.strip_prefix(quantity));
                 if other.is_some_and(|other| others.contains(&other)) {
-                    return Err(CaseError::Unit {
-                        path: self.path.clone(),
-                        has: has.clone(),
-                        wants: (*wants).to_owned(),
-                    });
+                    let fault =
+                        format!("column '{has}' is not '{wants}': give the values in that unit");
+                    return Err(self.refused(1, fault));
                 }
             }
         }
@@ -163,22 +157,17 @@ impl Table {
                     } else {
                         format!("{least} to {most}")
                     };
-                    return Err(CaseError::Columns {
-                        path: self.path.clone(),
-                        line,
-                        has: row.len(),
-                        wants,
-                    });
+                    return Err(self.wrong_columns(line, row.len(), wants));
                 }
                 let numbers = row
                     .iter()
                     .enumerate()
                     .map(|(column, value)| {
-                        value.ok_or_else(|| CaseError::Missing {
-                            path: self.path.clone(),
-                            line,
+                        value.ok_or_else(|| {
                             // of the file, where labels are the first
-                            column: column + 1 + usize::from(self.labels.is_some()),
+                            let column = column + 1 + usize::from(self.labels.is_some());
+                            let fault = format!("column {column} is empty or not a finite number");
+                            self.refused(line, fault)
                         })
                     })
                     .collect::<Result<_, _>>()?;
@@ -187,28 +176,29 @@ impl Table {
             .collect()
     }
 
-    pub(super) fn index(
-        &self,
-        line: usize,
-        what: &'static str,
-        value: f64,
-    ) -> Result<usize, CaseError> {
+    /// The error of a line of this table.
+    pub(super) fn refused(&self, line: usize, fault: String) -> CaseError {
+        CaseError::refused(&self.path, line, fault)
+    }
+
+    /// The error of a line with too few or too many fields.
+    pub(super) fn wrong_columns(&self, line: usize, has: usize, wants: impl Display) -> CaseError {
+        self.refused(line, format!("{has} columns, {wants} are needed"))
+    }
+
+    pub(super) fn index(&self, line: usize, what: &str, value: f64) -> Result<usize, CaseError> {
         if value >= 0.0 && value.fract() == 0.0 && value < 1e15 {
             Ok(value as usize)
         } else {
-            Err(CaseError::NotAnIndex {
-                path: self.path.clone(),
-                line,
-                what,
-                value,
-            })
+            let fault = format!("{what} is {value}, which is not an index (0, 1, 2, ...)");
+            Err(self.refused(line, fault))
         }
     }
 
     pub(super) fn below(
         &self,
         line: usize,
-        what: &'static str,
+        what: &str,
         value: f64,
         count: usize,
     ) -> Result<usize, CaseError> {
@@ -216,13 +206,8 @@ impl Table {
         if value < count {
             Ok(value)
         } else {
-            Err(CaseError::NoSuch {
-                path: self.path.clone(),
-                line,
-                what,
-                value,
-                count,
-            })
+            let fault = format!("{what} {value} does not exist; there are {count}");
+            Err(self.refused(line, fault))
         }
     }
 }

@@ -365,16 +365,9 @@ fn frames_lie_or_stand() {
     put("1,inf,3\n");
     assert_eq!(read_frames(&path, 3).unwrap()[0][1], None);
     put("m0,m1,m2\n1,2,3\n1,2\n");
-    let fault = read_frames(&path, 3).unwrap_err();
+    let fault = read_frames(&path, 3).unwrap_err().to_string();
     assert!(
-        matches!(
-            fault,
-            CaseError::Columns {
-                line: 3,
-                has: 2,
-                ..
-            }
-        ),
+        fault.ends_with("frames.csv:3: 2 columns, 3 are needed"),
         "{fault}"
     );
     put("1,2,3,4\n");
