@@ -53,13 +53,14 @@ pub(super) fn fit(mesh: &Mesh, presses: &[KnownPress]) -> Result<Calibration, Ca
         let worst = (0..ratios.len())
             .max_by(|a, b| off(a).total_cmp(&off(b)))
             .unwrap_or(0);
-        return Err(CalibrationError::Contradictory {
-            limit: 100.0 * CONTRADICTION,
-            rms: 100.0 * rms,
-            worst: presses[worst].name.clone(),
-            found: ratios[worst] * presses[worst].newtons,
-            newtons: presses[worst].newtons,
-        });
+        let KnownPress { name, newtons, .. } = &presses[worst];
+        return Err(CalibrationError(format!(
+            "the presses contradict each other: no single curve fits them within {:.0} % (rms {:.0} %); the worst is '{name}', \
+             {:.1} N by the curve and {newtons:.1} N by its mass. Check masses, areas and places",
+            100.0 * CONTRADICTION,
+            100.0 * rms,
+            ratios[worst] * newtons
+        )));
     }
     Ok(Calibration {
         kind: CALIBRATION_KIND.to_owned(),
@@ -77,19 +78,19 @@ pub(super) fn fit(mesh: &Mesh, presses: &[KnownPress]) -> Result<Calibration, Ca
 /// Checks that there are enough presses, that every measure is a positive number, and that the pressures differ.
 fn plausible(presses: &[KnownPress]) -> Result<(), CalibrationError> {
     if presses.len() < FEWEST_PRESSES {
-        return Err(CalibrationError::TooFew {
-            found: presses.len(),
-        });
+        return Err(CalibrationError(format!(
+            "{} presses are too few for a calibration; {FEWEST_PRESSES} are needed, at {FEWEST_PRESSURES} pressures or more",
+            presses.len()
+        )));
     }
     let mut pressures = Vec::new();
     for press in presses {
         for (what, value) in [("area", press.area), ("force", press.newtons)] {
             if !(value > 0.0 && value.is_finite()) {
-                return Err(CalibrationError::Measure {
-                    name: press.name.clone(),
-                    what,
-                    value,
-                });
+                return Err(CalibrationError(format!(
+                    "press '{}': {what} is {value}, it must be a positive number",
+                    press.name
+                )));
             }
         }
         pressures.push(press.newtons / press.area);
@@ -100,7 +101,9 @@ fn plausible(presses: &[KnownPress]) -> Result<(), CalibrationError> {
         .filter(|pair| pair[1] > 1.05 * pair[0])
         .count();
     if different < FEWEST_PRESSURES {
-        return Err(CalibrationError::OnePressure { found: different });
+        return Err(CalibrationError(format!(
+            "the presses have {different} different pressures; a curve needs {FEWEST_PRESSURES} (two within 5 % count as one)"
+        )));
     }
     Ok(())
 }
@@ -112,12 +115,11 @@ fn one_method(presses: &[KnownPress]) -> Result<(), CalibrationError> {
         .iter()
         .find(|press| press.map.method != first.map.method)
     {
-        Some(other) => Err(CalibrationError::Methods {
-            first: first.name.clone(),
-            method: first.map.method.clone(),
-            other: other.name.clone(),
-            another: other.map.method.clone(),
-        }),
+        Some(other) => Err(CalibrationError(format!(
+            "the map of '{}' is by '{}', that of '{}' by '{}'; a calibration needs maps of one method: choose one that \
+             does not change from frame to frame, such as one-step or tv",
+            first.name, first.map.method, other.name, other.map.method
+        ))),
         None => Ok(()),
     }
 }
@@ -130,10 +132,10 @@ fn largest_loss(mesh: &Mesh, presses: &[KnownPress]) -> Result<f64, CalibrationE
         match press.map.largest_loss() {
             Some((_, loss)) => largest = largest.max(loss),
             None => {
-                return Err(CalibrationError::Unseen {
-                    name: press.name.clone(),
-                    newtons: press.newtons,
-                });
+                return Err(CalibrationError(format!(
+                    "press '{}' ({:.1} N) shows no loss in its map: is it the right frame, and is the press inside the region?",
+                    press.name, press.newtons
+                )));
             }
         }
     }

@@ -9,6 +9,8 @@
 
 mod fit;
 
+use std::fmt::Display;
+
 use serde::{Deserialize, Serialize};
 use survey::{Map, MapUnit};
 
@@ -66,80 +68,16 @@ pub struct Calibration {
     pub rms: f64,
 }
 
-/// Errors of a calibration.
+/// Why presses give no calibration, or why a calibration does not fit a map, in words.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum CalibrationError {
-    /// Too few presses.
-    #[error(
-        "{found} presses are too few for a calibration; {FEWEST_PRESSES} are needed, at {FEWEST_PRESSURES} pressures or more"
-    )]
-    TooFew {
-        /// How many there are.
-        found: usize,
-    },
-    /// Too few different pressures.
-    #[error(
-        "the presses have {found} different pressures; a curve needs {FEWEST_PRESSURES} (two within 5 % count as one)"
-    )]
-    OnePressure {
-        /// How many there are.
-        found: usize,
-    },
-    /// A measure of a press that is not a positive number.
-    #[error("press '{name}': {what} is {value}, it must be a positive number")]
-    Measure {
-        /// Its name.
-        name: String,
-        /// Which measure.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-    },
-    /// A press that its map does not show.
-    #[error(
-        "press '{name}' ({newtons:.1} N) shows no loss in its map: is it the right frame, and is the press inside the region?"
-    )]
-    Unseen {
-        /// Its name.
-        name: String,
-        /// Its force.
-        newtons: f64,
-    },
-    /// Maps of several methods.
-    #[error(
-        "the map of '{first}' is by '{method}', that of '{other}' by '{another}'; a calibration needs maps of one method: choose one that \
-         does not change from frame to frame, such as one-step or tv"
-    )]
-    Methods {
-        /// The first press.
-        first: String,
-        /// Its map's method.
-        method: String,
-        /// A press with a map of another method.
-        other: String,
-        /// That method.
-        another: String,
-    },
-    /// The presses do not lie on one curve.
-    #[error(
-        "the presses contradict each other: no single curve fits them within {limit:.0} % (rms {rms:.0} %); the worst is '{worst}', \
-         {found:.1} N by the curve and {newtons:.1} N by its mass. Check masses, areas and places"
-    )]
-    Contradictory {
-        /// Largest deviation allowed, %.
-        limit: f64,
-        /// Deviation found, %.
-        rms: f64,
-        /// The press that fits worst.
-        worst: String,
-        /// Force by the curve, N.
-        found: f64,
-        /// Force by its mass, N.
-        newtons: f64,
-    },
+#[error("{0}")]
+pub struct CalibrationError(String);
+
+impl CalibrationError {
     /// A file that is not a calibration, or a map of another mesh or method.
-    #[error("the calibration does not fit: {0}")]
-    Other(String),
+    fn unfit(why: impl Display) -> Self {
+        Self(format!("the calibration does not fit: {why}"))
+    }
 }
 
 impl Calibration {
@@ -157,12 +95,12 @@ impl Calibration {
     /// # Errors
     /// The first fault found.
     pub fn check(&self) -> Result<(), CalibrationError> {
-        let refuse = |why: &str| Err(CalibrationError::Other(why.to_owned()));
+        let refuse = |why: &str| Err(CalibrationError::unfit(why));
         if self.kind != CALIBRATION_KIND {
-            return Err(CalibrationError::Other(format!(
-                "kind is '{}', '{CALIBRATION_KIND}' is expected",
-                self.kind
-            )));
+            let kind = &self.kind;
+            return refuse(&format!(
+                "kind is '{kind}', '{CALIBRATION_KIND}' is expected"
+            ));
         }
         if self.loss.len() < 2 || self.loss.len() != self.kpa.len() {
             return refuse("loss and kpa must have the same number of knots, two or more");
@@ -190,12 +128,10 @@ impl Calibration {
     pub fn pressure(&self, mesh: &Mesh, map: &Map) -> Result<Pressure, CalibrationError> {
         check(mesh, map)?;
         if map.mesh_hash != self.mesh {
-            return Err(CalibrationError::Other(
-                "it was fitted on another mesh".to_owned(),
-            ));
+            return Err(CalibrationError::unfit("it was fitted on another mesh"));
         }
         if map.method != self.method {
-            return Err(CalibrationError::Other(format!(
+            return Err(CalibrationError::unfit(format_args!(
                 "it was fitted to maps of '{}', this one is of '{}'",
                 self.method, map.method
             )));
@@ -256,15 +192,13 @@ impl Pressure {
 
 fn check(mesh: &Mesh, map: &Map) -> Result<(), CalibrationError> {
     if map.unit != MapUnit::RelativeConductance {
-        return Err(CalibrationError::Other(format!(
+        return Err(CalibrationError::unfit(format_args!(
             "a map of {} is not a relative change",
             map.unit.label()
         )));
     }
     if map.mesh_hash != mesh.hash() || map.values.len() != mesh.region().len() {
-        return Err(CalibrationError::Other(
-            "the map is of another mesh".to_owned(),
-        ));
+        return Err(CalibrationError::unfit("the map is of another mesh"));
     }
     Ok(())
 }
