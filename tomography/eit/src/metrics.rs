@@ -15,44 +15,10 @@ pub struct Image {
     values: Vec<f64>,
 }
 
-/// Why the figures of an image are undefined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum MeritError {
-    /// Rows of different lengths, or none.
-    #[error("row {row} of the image has {has} values, the first has {wants}")]
-    Ragged {
-        /// Index of the row, from 0.
-        row: usize,
-        /// Number of its values.
-        has: usize,
-        /// Number of values of the first row.
-        wants: usize,
-    },
-    /// Fewer than two rows or columns.
-    #[error("an image of {rows} x {columns} pixels has no coordinates; 2 x 2 is the least")]
-    Small {
-        /// Number of rows.
-        rows: usize,
-        /// Number of columns.
-        columns: usize,
-    },
-    /// No pixel is inside of the sheet.
-    #[error("no pixel of the image is inside: all are NaN")]
-    Outside,
-    /// A pixel has an infinite value.
-    #[error("pixel {row}, {column} is infinite")]
-    Infinite {
-        /// Row, from 0.
-        row: usize,
-        /// Column, from 0.
-        column: usize,
-    },
-    /// No pixel is above zero, so that q is empty.
-    #[error(
-        "no pixel of the image is above zero; images of losses are negative: negate them before they are evaluated"
-    )]
-    Nothing,
-}
+/// Why the figures of an image are undefined, in words.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct MeritError(String);
 
 /// The five figures of GREIT, and the centroid of q.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,30 +41,30 @@ impl Image {
     /// An image from rows of values; NaN outside of the sheet.
     ///
     /// # Errors
-    /// See [`MeritError`].
+    /// Rows of different lengths, fewer than two rows or columns, an infinite pixel, or none inside of the sheet.
     pub fn new(rows: &[Vec<f64>]) -> Result<Self, MeritError> {
         let columns = rows.first().map_or(0, Vec::len);
         for (row, values) in rows.iter().enumerate() {
             if values.len() != columns {
-                return Err(MeritError::Ragged {
-                    row,
-                    has: values.len(),
-                    wants: columns,
-                });
+                return Err(MeritError(format!(
+                    "row {row} of the image has {} values, the first has {columns}",
+                    values.len()
+                )));
             }
             if let Some(column) = values.iter().position(|value| value.is_infinite()) {
-                return Err(MeritError::Infinite { row, column });
+                return Err(MeritError(format!("pixel {row}, {column} is infinite")));
             }
         }
         if rows.len() < 2 || columns < 2 {
-            return Err(MeritError::Small {
-                rows: rows.len(),
-                columns,
-            });
+            return Err(MeritError(format!(
+                "an image of {} x {columns} pixels has no coordinates; 2 x 2 is the least",
+                rows.len()
+            )));
         }
         let values: Vec<f64> = rows.iter().flatten().copied().collect();
         if values.iter().all(|value| value.is_nan()) {
-            return Err(MeritError::Outside);
+            let fault = "no pixel of the image is inside: all are NaN";
+            return Err(MeritError(fault.to_owned()));
         }
         Ok(Self {
             rows: rows.len(),
@@ -138,7 +104,7 @@ impl Image {
     /// The figures, for a target at this position in the same coordinates.
     ///
     /// # Errors
-    /// [`MeritError::Nothing`].
+    /// No pixel is above zero.
     ///
     /// ```
     /// use eit::metrics::Image;
@@ -158,7 +124,8 @@ impl Image {
         };
         let largest = inside().map(|(_, value)| value).fold(0.0, f64::max);
         if largest <= 0.0 {
-            return Err(MeritError::Nothing);
+            let fault = "no pixel of the image is above zero; images of losses are negative: negate them before they are evaluated";
+            return Err(MeritError(fault.to_owned()));
         }
         let q: Vec<usize> = inside()
             .filter(|(_, value)| *value >= QUARTER * largest)
@@ -334,14 +301,16 @@ mod tests {
         assert!(merit.position_error.abs() < 1e-12 && merit.ringing == 0.0);
         assert!(merit.shape_deformation < 0.06, "{merit:?}");
         assert!((image.ssim(&image, 1.0).unwrap() - 1.0).abs() < 1e-12);
-        assert_eq!(image.negated().greit([0.0; 2]), Err(MeritError::Nothing));
+        let refused = |fault: MeritError, wanted: &str| {
+            assert!(fault.to_string().contains(wanted), "{fault}");
+        };
+        let nothing = image.negated().greit([0.0; 2]).unwrap_err();
+        refused(nothing, "no pixel of the image is above zero");
         assert!(image.ssim(&image.negated(), 1.0).unwrap() < 0.99);
-        assert!(matches!(
-            Image::new(&[vec![0.0, 1.0], vec![0.0]]),
-            Err(MeritError::Ragged { row: 1, .. })
-        ));
-        let outside = [vec![f64::NAN; 3], vec![f64::NAN; 3]];
-        assert_eq!(Image::new(&outside), Err(MeritError::Outside));
+        let ragged = Image::new(&[vec![0.0, 1.0], vec![0.0]]).unwrap_err();
+        refused(ragged, "row 1 of the image has 1 values, the first has 2");
+        let outside = Image::new(&[vec![f64::NAN; 3], vec![f64::NAN; 3]]).unwrap_err();
+        refused(outside, "no pixel of the image is inside");
     }
 
     #[test]
