@@ -41,7 +41,7 @@ pub(crate) fn kept(
     let path = cache_file(case, settings, kind);
     if let Some(path) = &path
         && let Ok(model) = model::load(path)
-        && model.check(&case.protocol, &case.mesh).is_ok()
+        && model.is_for(&case.protocol, &case.mesh)
         && model.metadata().training == *settings
     {
         return Ok(Cached {

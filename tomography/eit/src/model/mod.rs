@@ -178,28 +178,6 @@ pub enum ModelError {
         /// Description of the inconsistency.
         why: String,
     },
-    /// Made for another protocol.
-    #[error(
-        "the model was made for survey {model} ({model_readings} readings), this is survey {here} ({here_readings} readings)"
-    )]
-    Survey {
-        /// Hash in the model.
-        model: String,
-        /// Number of readings in the model.
-        model_readings: usize,
-        /// Hash of the survey in use.
-        here: String,
-        /// Number of readings of the survey in use.
-        here_readings: usize,
-    },
-    /// Made for another geometry.
-    #[error("the model was made for geometry {model}, this is geometry {here}")]
-    Geometry {
-        /// Hash in the model.
-        model: String,
-        /// Hash of the geometry in use.
-        here: String,
-    },
     /// The network does not fit the mesh or the protocol, or has numbers that are not finite.
     #[error("the network does not fit its geometry and survey: {0}")]
     Network(String),
@@ -300,26 +278,9 @@ impl Model {
         &self.network
     }
 
-    /// Refuses another survey or geometry, with both hashes in the error.
-    ///
-    /// # Errors
-    /// [`ModelError::Survey`], [`ModelError::Geometry`].
-    pub fn check(&self, protocol: &Protocol, mesh: &Mesh) -> Result<(), ModelError> {
-        if &self.protocol != protocol {
-            return Err(ModelError::Survey {
-                model: self.metadata.survey.clone(),
-                model_readings: self.protocol.len(),
-                here: protocol.hash(),
-                here_readings: protocol.len(),
-            });
-        }
-        if self.mesh.hash() != mesh.hash() {
-            return Err(ModelError::Geometry {
-                model: self.metadata.geometry.clone(),
-                here: mesh.hash().to_owned(),
-            });
-        }
-        Ok(())
+    /// Whether it was trained on this survey and geometry.
+    pub fn is_for(&self, protocol: &Protocol, mesh: &Mesh) -> bool {
+        &self.protocol == protocol && self.mesh.hash() == mesh.hash()
     }
 
     /// The model as a reconstructor.
