@@ -1,14 +1,13 @@
 //! Serializes a model.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use half::f16;
 use safetensors::tensor::{Dtype, View};
 
 use super::{KEY, checksum, layer_name, stated_checksum};
-use crate::RbfNetwork;
-use crate::inverse::learned::network::{DeepNetwork, TrainingDistribution, Weights};
+use crate::inverse::learned::network::Weights;
 use crate::model::{Metadata, Model, ModelError, Network};
 
 /// The bytes of a model's file, and its checksum.
@@ -30,36 +29,74 @@ pub(in crate::model) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelE
         .collect();
     let nodes: Vec<f64> = mesh.nodes().iter().flatten().copied().collect();
     let triangles: Vec<usize> = mesh.triangles().iter().flatten().copied().collect();
-    let mut tensors = vec![
-        (
-            "nodes".to_owned(),
-            Tensor::f64(&nodes, &[mesh.nodes().len(), 2]),
-        ),
-        (
-            "triangles".to_owned(),
-            Tensor::u32(&triangles, &[mesh.triangles().len(), 3]),
-        ),
-        (
-            "electrode_edges".to_owned(),
-            Tensor::u32(&edges, &[edges.len() / 3, 3]),
-        ),
-        (
-            "region".to_owned(),
-            Tensor::u32(mesh.region(), &[mesh.region().len()]),
-        ),
-        (
-            "protocol".to_owned(),
-            Tensor::u32(&questions, &[model.protocol.len(), 4]),
-        ),
-    ];
+    // in the order of their names
+    let mut tensors = BTreeMap::new();
+    let mut put = |name: &str, tensor| {
+        tensors.insert(name.to_owned(), tensor);
+    };
+    put("nodes", Tensor::f64(&nodes, &[mesh.nodes().len(), 2]));
+    put(
+        "triangles",
+        Tensor::u32(&triangles, &[mesh.triangles().len(), 3]),
+    );
+    put(
+        "electrode_edges",
+        Tensor::u32(&edges, &[edges.len() / 3, 3]),
+    );
+    put("region", Tensor::u32(mesh.region(), &[mesh.region().len()]));
+    put(
+        "protocol",
+        Tensor::u32(&questions, &[model.protocol.len(), 4]),
+    );
     if let Some(depth) = mesh.depth() {
-        tensors.push(("depth".to_owned(), Tensor::f64(&depth.numbers(), &[5])));
+        put("depth", Tensor::f64(&depth.numbers(), &[5]));
     }
     match &model.network {
-        Network::Rbf(network) => tensors.extend(of_rbf(network)),
-        Network::Deep(network, familiar) => tensors.extend(of_deep(network, familiar)),
+        Network::Rbf(network) => {
+            let [neurons, inputs] = [network.neurons(), network.inputs];
+            let rank = network.mixing.len() / neurons;
+            put("centres", Tensor::f32(&network.centres, &[neurons, inputs]));
+            put("spread", Tensor::f64(&[network.spread], &[1]));
+            put("mixing", Tensor::f64(&network.mixing, &[rank, neurons]));
+            put(
+                "weights",
+                Tensor::f32(&network.weights, &[rank, network.outputs]),
+            );
+        }
+        Network::Deep(network, familiar) => {
+            let inputs = network.inputs();
+            for (name, values) in ["mean", "gain", "shift"]
+                .iter()
+                .zip(network.normalisation())
+            {
+                put(&format!("input.{name}"), Tensor::f32(values, &[inputs]));
+            }
+            for (index, layer) in network.layers().iter().enumerate() {
+                let shape = [layer.outputs(), layer.inputs()];
+                let mut put = |what: &str, tensor| put(&layer_name(index, what), tensor);
+                put("bias", Tensor::f32(&layer.bias, &shape[..1]));
+                match &layer.weights {
+                    Weights::F32(values) => put("weights", Tensor::f32(values, &shape)),
+                    Weights::F16(values) => put("weights", Tensor::f16(values, &shape)),
+                    Weights::Int8 { values, scales } => {
+                        put("scales", Tensor::f32(scales, &shape[..1]));
+                        put("weights", Tensor::i8(values, &shape));
+                    }
+                }
+            }
+            let kept = familiar.deviations.len();
+            put("familiar.mean", Tensor::f32(&familiar.mean, &[inputs]));
+            put(
+                "familiar.directions",
+                Tensor::f32(&familiar.directions, &[kept - 1, inputs]),
+            );
+            put(
+                "familiar.deviations",
+                Tensor::f32(&familiar.deviations, &[kept]),
+            );
+            put("familiar.limit", Tensor::f32(&[familiar.limit], &[1]));
+        }
     }
-    tensors.sort_by(|a, b| a.0.cmp(&b.0));
     let blank = Metadata {
         checksum: String::new(),
         ..model.metadata.clone()
@@ -82,70 +119,6 @@ pub(in crate::model) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelE
     let bytes = safetensors::serialize(tensors, Some(metadata))
         .map_err(|fault| unfit(fault.to_string()))?;
     Ok((bytes, checksum))
-}
-
-fn of_rbf(network: &RbfNetwork) -> Vec<(String, Tensor)> {
-    let neurons = network.neurons();
-    let rank = network.mixing.len() / neurons;
-    vec![
-        (
-            "centres".to_owned(),
-            Tensor::f32(&network.centres, &[neurons, network.inputs]),
-        ),
-        ("spread".to_owned(), Tensor::f64(&[network.spread], &[1])),
-        (
-            "mixing".to_owned(),
-            Tensor::f64(&network.mixing, &[rank, neurons]),
-        ),
-        (
-            "weights".to_owned(),
-            Tensor::f32(&network.weights, &[rank, network.outputs]),
-        ),
-    ]
-}
-
-fn of_deep(network: &DeepNetwork, familiar: &TrainingDistribution) -> Vec<(String, Tensor)> {
-    let inputs = network.inputs();
-    let mut tensors = Vec::new();
-    for (name, values) in ["mean", "gain", "shift"]
-        .iter()
-        .zip(network.normalisation())
-    {
-        tensors.push((format!("input.{name}"), Tensor::f32(values, &[inputs])));
-    }
-    for (index, layer) in network.layers().iter().enumerate() {
-        let shape = [layer.outputs(), layer.inputs()];
-        let mut push = |what: &str, tensor| tensors.push((layer_name(index, what), tensor));
-        push("bias", Tensor::f32(&layer.bias, &shape[..1]));
-        match &layer.weights {
-            Weights::F32(values) => push("weights", Tensor::f32(values, &shape)),
-            Weights::F16(values) => push("weights", Tensor::f16(values, &shape)),
-            Weights::Int8 { values, scales } => {
-                push("weights", Tensor::i8(values, &shape));
-                push("scales", Tensor::f32(scales, &shape[..1]));
-            }
-        }
-    }
-    let kept = familiar.deviations.len();
-    tensors.extend([
-        (
-            "familiar.mean".to_owned(),
-            Tensor::f32(&familiar.mean, &[inputs]),
-        ),
-        (
-            "familiar.directions".to_owned(),
-            Tensor::f32(&familiar.directions, &[kept - 1, inputs]),
-        ),
-        (
-            "familiar.deviations".to_owned(),
-            Tensor::f32(&familiar.deviations, &[kept]),
-        ),
-        (
-            "familiar.limit".to_owned(),
-            Tensor::f32(&[familiar.limit], &[1]),
-        ),
-    ]);
-    tensors
 }
 
 /// A tensor to write.
