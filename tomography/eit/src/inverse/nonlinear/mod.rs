@@ -15,7 +15,7 @@ mod tests;
 
 use std::sync::Arc;
 
-use survey::{Doubt, Evidence, Map, MapQuality, MapUnit, NextKind, Protocol, Reading};
+use survey::{Doubt, Evidence, Map, MapQuality, NextKind, Protocol, Reading};
 
 use self::solver::{Found, Sheet};
 use crate::inverse::frame_rule::{FrameRule, SIGNIFICANT};
@@ -97,15 +97,6 @@ pub struct NonlinearTv {
     most_gain: Option<f64>,
 }
 
-/// A map with the method that made it.
-struct Likely {
-    values: Vec<f64>,
-    method: String,
-    /// The mean correlation with other possible maps, if the noise allows too different ones.
-    doubtful: Option<f64>,
-    evidence: Option<Evidence>,
-}
-
 const METHOD: &str = "nonlinear total variation";
 const SMOOTH: &str = "smooth load, loss only";
 /// [`Map::method`] of a frame that a linear map explains no better than noise does.
@@ -162,19 +153,14 @@ impl NonlinearTv {
     }
 
     /// The map of a change.
-    fn map(&self, seen: &Seen, missing: &[usize]) -> Result<Likely, String> {
+    fn map(&self, seen: &Seen, missing: &[usize]) -> Result<Map, String> {
         let text = |fault: OneStepError| fault.to_string();
         let forward = |fault: ForwardError| fault.to_string();
         let preference = self.rule.preference(seen, missing).map_err(text)?;
         let (_, mut linear) = self.rule.map(seen, missing).map_err(text)?;
         if preference <= SIGNIFICANT {
             linear.truncate(self.mesh().region().len());
-            return Ok(Likely {
-                values: linear,
-                method: NOISE_ONLY.to_owned(),
-                doubtful: None,
-                evidence: None,
-            });
+            return Ok(self.of_values(linear, NOISE_ONLY));
         }
         let count = seen.data.len() as f64;
         let size = (seen.data.norm_squared() / count).sqrt();
@@ -213,7 +199,7 @@ impl NonlinearTv {
         if let Some(most) = self.most_gain.filter(|most| found.left > *most) {
             let free = minimum(false)?;
             if found.left - free.left > most {
-                return Ok(self.likely(&free, f64::INFINITY, METHOD.to_owned(), next));
+                return Ok(self.of_minimum(&free, f64::INFINITY, METHOD, next));
             }
         }
         let map = self.shown(&found.change, 0.0);
@@ -224,67 +210,69 @@ impl NonlinearTv {
             Attempt::Explained(shapes) => self.of_shapes(shapes),
             Attempt::Unexplained(nearest) => {
                 let method = format!("{METHOD}, loss only");
-                self.likely(&found, 0.0, method, nearest.or(next))
+                self.of_minimum(&found, 0.0, &method, nearest.or(next))
             }
         })
     }
 
     /// The mean of the maps of all probable shapes.
-    fn of_shapes(&self, shapes: Explained) -> Likely {
+    fn of_shapes(&self, shapes: Explained) -> Map {
         let mut values = vec![0.0; self.mesh().region().len()];
         for possible in &shapes.maps {
             for (sum, value) in values.iter_mut().zip(possible) {
                 *sum += value / shapes.maps.len() as f64;
             }
         }
-        Likely {
-            doubtful: self.doubtful(&values, &shapes.maps, LEAST_OF_SHAPES),
-            values,
-            method: shapes.name,
+        Map {
+            quality: self.doubt(&values, &shapes.maps, LEAST_OF_SHAPES),
             evidence: Some(shapes.evidence),
+            ..self.of_values(values, &shapes.name)
         }
     }
 
     /// The map of a minimum; `next`: the next best explanation by shapes.
-    fn likely(
+    fn of_minimum(
         &self,
         found: &Found<'_>,
         most: f64,
-        method: String,
+        method: &str,
         next: Option<NextKind>,
-    ) -> Likely {
+    ) -> Map {
         let evidence = Evidence { left: None, next };
-        self.of_values(found, method, evidence, |change| self.shown(change, most))
+        self.of_found(found, method, evidence, |change| self.shown(change, most))
     }
 
     /// The map of a smooth load with residual `left`, as a share of the accepted one; `next`: the disc, whose residual
     /// is larger.
-    fn of_smooth(&self, found: &Found<'_>, left: f64, next: Option<NextKind>) -> Likely {
+    fn of_smooth(&self, found: &Found<'_>, left: f64, next: Option<NextKind>) -> Map {
         let evidence = Evidence {
             left: Some(left),
             next,
         };
-        self.of_values(found, SMOOTH.to_owned(), evidence, |change| {
+        self.of_found(found, SMOOTH, evidence, |change| {
             self.shown(&self.sheet.smooth(change), 0.0)
         })
     }
 
     /// `shown`: the map of a change of the cells.
-    fn of_values(
+    fn of_found(
         &self,
         found: &Found<'_>,
-        method: String,
+        method: &str,
         evidence: Evidence,
         shown: impl Fn(&[f64]) -> Vec<f64>,
-    ) -> Likely {
+    ) -> Map {
         let values = shown(&found.change);
         let possible: Vec<Vec<f64>> = found.possible().iter().map(|u| shown(u)).collect();
-        Likely {
-            doubtful: self.doubtful(&values, &possible, LEAST_OF_VARIATION),
-            values,
-            method,
+        Map {
+            quality: self.doubt(&values, &possible, LEAST_OF_VARIATION),
             evidence: Some(evidence),
+            ..self.of_values(values, method)
         }
+    }
+
+    fn of_values(&self, values: Vec<f64>, method: &str) -> Map {
+        Map::relative(self.mesh().hash(), values, method)
     }
 
     /// (sum |x|)^2 over area and sum x^2: 1 for a uniform change; for one load, the share of the area that changed.
@@ -297,8 +285,9 @@ impl NonlinearTv {
         sum(1).powi(2) / (areas.iter().sum::<f64>() * sum(2)).max(f64::MIN_POSITIVE)
     }
 
-    /// The mean correlation of a map with other possible maps, if it is below `least`.
-    fn doubtful(&self, map: &[f64], possible: &[Vec<f64>], least: f64) -> Option<f64> {
+    /// The doubt of a map whose mean correlation with other possible maps is below `least`: the noise allows too
+    /// different ones.
+    fn doubt(&self, map: &[f64], possible: &[Vec<f64>], least: f64) -> Option<MapQuality> {
         let areas = self.mesh().region_areas();
         let all = possible.iter().map(|other| {
             let correlation = likeness(map, other, &areas).correlation;
@@ -309,8 +298,8 @@ impl NonlinearTv {
                 correlation
             }
         });
-        let mean = all.sum::<f64>() / possible.len().max(1) as f64;
-        Some(mean).filter(|mean| *mean < least)
+        let correlation = all.sum::<f64>() / possible.len().max(1) as f64;
+        (correlation < least).then(|| MapQuality::of(&[Doubt::NoiseLimit { correlation }]))
     }
 
     /// The relative changes in the region, limited to `most`.
@@ -368,28 +357,15 @@ impl Reconstructor for NonlinearTv {
         let (change, missing) = self.linear.change(baseline, frame, METHOD)?;
         let seen = self.linear.fold.seen(&change, &missing);
         let map = match seen.data.norm_squared() > 0.0 {
-            false => Likely {
-                values: vec![0.0; self.mesh().region().len()],
-                method: METHOD.to_owned(),
-                doubtful: None,
-                evidence: None,
-            },
+            false => self.of_values(vec![0.0; self.mesh().region().len()], METHOD),
             true => self.map(&seen, &missing).map_err(|cause| {
                 let method = METHOD.to_owned();
                 ReconstructError::Numerical { method, cause }
             })?,
         };
-        let doubt = map
-            .doubtful
-            .map(|correlation| Doubt::NoiseLimit { correlation });
         Ok(Map {
-            mesh_hash: self.mesh().hash().to_owned(),
-            values: map.values,
-            unit: MapUnit::RelativeConductance,
-            method: map.method,
             masked: missing.len(),
-            evidence: map.evidence,
-            quality: doubt.map(|doubt| MapQuality::of(&[doubt])),
+            ..map
         })
     }
 }
