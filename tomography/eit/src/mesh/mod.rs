@@ -78,17 +78,17 @@ impl Mesh {
         check::connected(&triangles, &sides)?;
         check::electrodes(&sides, &electrode_edges)?;
         let region = check::region(region, triangles.len())?;
-        let hash = hash(&nodes, &triangles, &electrode_edges, &region, None);
-        Ok(Self {
+        let mesh = Self {
             nodes,
             triangles,
             electrode_edges,
             region,
             areas,
             depth: None,
-            hash,
+            hash: String::new(),
             analysis: Kept::default(),
-        })
+        };
+        Ok(mesh.hashed())
     }
 
     /// The same mesh with another region of interest.
@@ -106,32 +106,50 @@ impl Mesh {
     }
 
     fn of_region(&self, region: Vec<usize>) -> Self {
-        Self {
-            hash: hash(
-                &self.nodes,
-                &self.triangles,
-                &self.electrode_edges,
-                &region,
-                self.depth,
-            ),
+        let mesh = Self {
             region,
             ..self.clone()
-        }
+        };
+        mesh.hashed()
     }
 
     /// The same mesh as the cross-section of a tank of this depth; `None`: a sheet.
     pub fn with_depth(&self, depth: Option<Depth>) -> Self {
-        Self {
-            hash: hash(
-                &self.nodes,
-                &self.triangles,
-                &self.electrode_edges,
-                &self.region,
-                depth,
-            ),
+        let mesh = Self {
             depth,
             ..self.clone()
+        };
+        mesh.hashed()
+    }
+
+    /// The same mesh with the hash of its content.
+    fn hashed(mut self) -> Self {
+        let mut hasher = Sha256::new();
+        let count = |hasher: &mut Sha256, n: usize| hasher.update((n as u64).to_le_bytes());
+        count(&mut hasher, self.nodes.len());
+        for coordinate in self.nodes.iter().flatten() {
+            hasher.update(coordinate.to_bits().to_le_bytes());
         }
+        count(&mut hasher, self.triangles.len());
+        for &node in self.triangles.iter().flatten() {
+            count(&mut hasher, node);
+        }
+        count(&mut hasher, self.electrode_edges.len());
+        for edges in &self.electrode_edges {
+            count(&mut hasher, edges.len());
+            for &node in edges.iter().flatten() {
+                count(&mut hasher, node);
+            }
+        }
+        count(&mut hasher, self.region.len());
+        for &element in &self.region {
+            count(&mut hasher, element);
+        }
+        for number in self.depth.iter().flat_map(Depth::numbers) {
+            hasher.update(number.to_bits().to_le_bytes());
+        }
+        self.hash = survey::hex(&hasher.finalize());
+        self
     }
 
     /// Cache for the forward model's analysis of nodes, triangles and electrodes.
@@ -358,38 +376,4 @@ pub(crate) fn angles(corners: [[f64; 2]; 3]) -> [f64; 3] {
 fn sides_of(triangle: &[usize; 3]) -> [[usize; 2]; 3] {
     let [a, b, c] = *triangle;
     [[a, b], [b, c], [c, a]]
-}
-
-fn hash(
-    nodes: &[[f64; 2]],
-    triangles: &[[usize; 3]],
-    electrode_edges: &[Vec<[usize; 2]>],
-    region: &[usize],
-    depth: Option<Depth>,
-) -> String {
-    let mut hasher = Sha256::new();
-    let count = |hasher: &mut Sha256, n: usize| hasher.update((n as u64).to_le_bytes());
-    count(&mut hasher, nodes.len());
-    for coordinate in nodes.iter().flatten() {
-        hasher.update(coordinate.to_bits().to_le_bytes());
-    }
-    count(&mut hasher, triangles.len());
-    for &node in triangles.iter().flatten() {
-        count(&mut hasher, node);
-    }
-    count(&mut hasher, electrode_edges.len());
-    for edges in electrode_edges {
-        count(&mut hasher, edges.len());
-        for &node in edges.iter().flatten() {
-            count(&mut hasher, node);
-        }
-    }
-    count(&mut hasher, region.len());
-    for &element in region {
-        count(&mut hasher, element);
-    }
-    for number in depth.iter().flat_map(Depth::numbers) {
-        hasher.update(number.to_bits().to_le_bytes());
-    }
-    survey::hex(&hasher.finalize())
 }
