@@ -174,7 +174,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("{what:44} {wall:9.2} {:9} {processors:9.2}", "");
     }
     // the whole sheet as region: as many unknowns as triangles
-    let whole = Arc::new(mesh.with_region(None)?);
+    let whole = Arc::new(mesh.whole());
     let before = memory();
     show("one-step set-up, all triangles", 2, |_| {
         let options = OneStepOptions {

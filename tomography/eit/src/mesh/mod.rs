@@ -91,23 +91,10 @@ impl Mesh {
         Ok(mesh.hashed())
     }
 
-    /// The same mesh with another region of interest.
-    ///
-    /// # Errors
-    /// A region that is empty, or lists an element that does not exist or one twice.
-    pub fn with_region(&self, region: Option<Vec<usize>>) -> Result<Self, MeshError> {
-        let region = check::region(region, self.triangles.len())?;
-        Ok(self.of_region(region))
-    }
-
     /// The same mesh with all triangles in its region.
     pub fn whole(&self) -> Self {
-        self.of_region((0..self.triangles.len()).collect())
-    }
-
-    fn of_region(&self, region: Vec<usize>) -> Self {
         let mesh = Self {
-            region,
+            region: (0..self.triangles.len()).collect(),
             ..self.clone()
         };
         mesh.hashed()
