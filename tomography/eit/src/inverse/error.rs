@@ -68,3 +68,14 @@ pub enum OneStepError {
         most: f64,
     },
 }
+
+impl OneStepError {
+    /// Refuses a setting that is not a positive number.
+    pub(crate) fn positive(what: &'static str, value: f64) -> Result<(), Self> {
+        if value > 0.0 && value.is_finite() {
+            Ok(())
+        } else {
+            Err(Self::NotPositive { what, value })
+        }
+    }
+}

@@ -197,14 +197,8 @@ fn distances(protocol: &Protocol) -> Vec<usize> {
 
 /// 1 / deviation, scaled so that the deviations have a root mean square of 1.
 fn weights(deviations: &[f64]) -> Result<Vec<f64>, OneStepError> {
-    if let Some(&value) = deviations
-        .iter()
-        .find(|value| !(**value > 0.0 && value.is_finite()))
-    {
-        return Err(OneStepError::NotPositive {
-            what: "deviation of a reading",
-            value,
-        });
+    for &value in deviations {
+        OneStepError::positive("deviation of a reading", value)?;
     }
     let square: f64 = deviations.iter().map(|value| value * value).sum();
     let scale = (square / deviations.len() as f64).sqrt();

@@ -116,9 +116,7 @@ impl NonlinearTv {
     ) -> Result<Self, OneStepError> {
         let noise = options.noise_v.map(|volts| ("noise", volts));
         for (what, value) in noise.into_iter().chain([("current", options.current_a)]) {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(OneStepError::NotPositive { what, value });
-            }
+            OneStepError::positive(what, value)?;
         }
         let shared = OneStepOptions {
             scale: options.scale.clone(),

@@ -232,11 +232,8 @@ fn deviation(hyper: Hyper, scale: &Scale) -> Result<Option<f64>, OneStepError> {
         } => (volts, current),
         _ => return Ok(None),
     };
-    for (what, value) in [("noise", volts), ("current", current)] {
-        if !(value > 0.0 && value.is_finite()) {
-            return Err(OneStepError::NotPositive { what, value });
-        }
-    }
+    OneStepError::positive("noise", volts)?;
+    OneStepError::positive("current", current)?;
     Ok(Some(scale.deviation(volts, current)))
 }
 

@@ -69,12 +69,7 @@ pub(super) fn lambda(
     size: f64,
     at: impl Fn(f64) -> Result<f64, OneStepError>,
 ) -> Result<f64, OneStepError> {
-    if !(wanted > 0.0 && wanted.is_finite()) {
-        return Err(OneStepError::NotPositive {
-            what: "noise figure",
-            value: wanted,
-        });
-    }
+    OneStepError::positive("noise figure", wanted)?;
     let (mut low, mut high) = ((1e-5 * size).ln(), (1e2 * size).ln());
     let (most, least) = (at(low.exp())?, at(high.exp())?);
     if !(least..=most).contains(&wanted) {

@@ -172,12 +172,7 @@ impl Penalty {
 
     /// A covariance of correlation length `length_m` over the mesh's region.
     pub(crate) fn smooth(mesh: &Mesh, length_m: f64) -> Result<Self, OneStepError> {
-        if !(length_m > 0.0 && length_m.is_finite()) {
-            return Err(OneStepError::NotPositive {
-                what: "length of the gaussian prior",
-                value: length_m,
-            });
-        }
+        OneStepError::positive("length of the gaussian prior", length_m)?;
         let (points, areas) = (mesh.region_centroids(), mesh.region_areas());
         Ok(Self::Smooth(Smooth::new(&points, &areas, length_m)))
     }
