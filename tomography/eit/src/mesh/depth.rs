@@ -68,19 +68,12 @@ impl Depth {
                 return refuse(format!("the {name} is {value} m, it must be above 0"));
             }
         }
-        let (low, high) = (
-            electrode_centre_m - 0.5 * electrode_height_m,
-            electrode_centre_m + 0.5 * electrode_height_m,
-        );
-        let rounding = 1e-9 * depth_m;
-        if low < -rounding || high > depth_m + rounding {
-            return refuse(format!(
-                "the electrodes reach from {:.2} to {:.2} mm above the bottom, the liquid from 0 to {:.2} mm",
-                1e3 * low,
-                1e3 * high,
-                1e3 * depth_m
-            ));
-        }
+        within(
+            depth_m,
+            electrode_centre_m,
+            electrode_height_m,
+            "the electrodes",
+        )?;
         if !(1..=Self::MOST_MODES).contains(&modes) {
             return refuse(format!(
                 "the number of modes is {modes}, it must be 1 to {}",
@@ -103,25 +96,12 @@ impl Depth {
     /// # Errors
     /// A layer that is not in the liquid.
     pub fn with_target_height(self, target_height_m: f64) -> Result<Self, MeshError> {
-        let (low, high) = (
-            self.electrode_centre_m - 0.5 * target_height_m,
-            self.electrode_centre_m + 0.5 * target_height_m,
-        );
-        let rounding = 1e-9 * self.depth_m;
-        if target_height_m.is_nan()
-            || target_height_m <= 0.0
-            || low < -rounding
-            || high > self.depth_m + rounding
-        {
-            return Err(MeshError::Depth {
-                fault: format!(
-                    "targets reach from {:.2} to {:.2} mm above the bottom, the liquid from 0 to {:.2} mm",
-                    1e3 * low,
-                    1e3 * high,
-                    1e3 * self.depth_m
-                ),
-            });
-        }
+        within(
+            self.depth_m,
+            self.electrode_centre_m,
+            target_height_m,
+            "targets",
+        )?;
         Ok(Self {
             target_height_m,
             ..self
@@ -217,6 +197,23 @@ impl Depth {
         }
         whole.with_target_height(target)
     }
+}
+
+/// Refuses a layer about a centre that is not in the liquid.
+fn within(depth_m: f64, centre_m: f64, height_m: f64, what: &str) -> Result<(), MeshError> {
+    let (low, high) = (centre_m - 0.5 * height_m, centre_m + 0.5 * height_m);
+    let rounding = 1e-9 * depth_m;
+    if height_m > 0.0 && low >= -rounding && high <= depth_m + rounding {
+        return Ok(());
+    }
+    Err(MeshError::Depth {
+        fault: format!(
+            "{what} reach from {:.2} to {:.2} mm above the bottom, the liquid from 0 to {:.2} mm",
+            1e3 * low,
+            1e3 * high,
+            1e3 * depth_m
+        ),
+    })
 }
 
 /// A point of the Gauss-Legendre rule on [-1, 1] with `count` points, and its weight.
