@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::{positive, reasonable_fineness, refused};
+use super::{FINENESS, positive, refused, within};
 use crate::mesh::generation::{Domain, fill, length};
 use crate::{Mesh, MeshError};
 
@@ -151,25 +151,15 @@ impl DiscTank {
             ],
         )?;
         let refuse = |fault| Err(refused(PRESET, fault));
-        if !(2..=256).contains(&self.electrodes) {
-            return refuse(format!(
-                "electrodes is {}, it must be 2 to 256",
-                self.electrodes
-            ));
-        }
-        reasonable_fineness(PRESET, self.fineness)?;
+        within(PRESET, "electrodes", self.electrodes, [2, 256])?;
+        within(PRESET, "fineness", self.fineness, FINENESS)?;
         if self.electrode_edges > 64 {
             return refuse(format!(
                 "electrode_edges is {}, it must be at most 64",
                 self.electrode_edges
             ));
         }
-        if !(0.005..=0.5).contains(&self.largest_share) {
-            return refuse(format!(
-                "largest_share is {}, it must be 0.005 to 0.5",
-                self.largest_share
-            ));
-        }
+        within(PRESET, "largest_share", self.largest_share, [0.005, 0.5])?;
         if !self.first_deg.is_finite() {
             return refuse("first_deg is not a number".into());
         }

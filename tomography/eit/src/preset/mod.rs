@@ -3,6 +3,8 @@
 mod disc;
 mod sheet;
 
+use std::fmt::Display;
+
 pub use disc::DiscTank;
 pub use sheet::{PaperSheet, SheetElectrode};
 
@@ -79,6 +81,9 @@ impl Preset {
     }
 }
 
+/// Range of the fineness of every preset.
+const FINENESS: [f64; 2] = [0.25, 8.0];
+
 fn refused(preset: &'static str, fault: String) -> MeshError {
     MeshError::Preset { preset, fault }
 }
@@ -97,25 +102,16 @@ fn positive(preset: &'static str, measures: &[(&str, f64)]) -> Result<(), MeshEr
     }
 }
 
-/// Refuses a fineness for which electrodes would have no nodes, or the mesh would be too large.
-fn reasonable_fineness(preset: &'static str, fineness: f64) -> Result<(), MeshError> {
-    if (0.25..=8.0).contains(&fineness) {
-        return Ok(());
-    }
-    let fault = format!("fineness is {fineness}, it must be 0.25 to 8");
-    Err(refused(preset, fault))
-}
-
-/// Refuses an edge length that is longer than the side to fill, or so short that the mesh would be too large.
-fn reasonable_edge(
+/// Refuses a value out of its range: electrodes would have no nodes, or the mesh would be too large.
+fn within<T: PartialOrd + Display + Copy>(
     preset: &'static str,
     key: &str,
-    length: f64,
-    [least, most]: [f64; 2],
+    value: T,
+    [least, most]: [T; 2],
 ) -> Result<(), MeshError> {
-    if (least..=most).contains(&length) {
+    if (least..=most).contains(&value) {
         return Ok(());
     }
-    let fault = format!("{key} is {length}, it must be {least} to {most}");
+    let fault = format!("{key} is {value}, it must be {least} to {most}");
     Err(refused(preset, fault))
 }

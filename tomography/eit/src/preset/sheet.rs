@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{positive, reasonable_edge, reasonable_fineness, refused};
+use super::{FINENESS, positive, refused, within};
 use crate::mesh::generation::{Domain, cut, fill, length};
 use crate::{Mesh, MeshError};
 
@@ -168,7 +168,7 @@ impl PaperSheet {
             ],
         )?;
         let refuse = |fault| Err(refused(PRESET, fault));
-        reasonable_fineness(PRESET, self.fineness)?;
+        within(PRESET, "fineness", self.fineness, FINENESS)?;
         let side = self.width_mm.min(self.height_mm);
         let longer = self.width_mm.max(self.height_mm);
         // edge lengths are limited by the shorter side, so the number of triangles of a long strip would have no limit
@@ -178,13 +178,13 @@ impl PaperSheet {
                 self.width_mm, self.height_mm
             ));
         }
-        reasonable_edge(
+        within(
             PRESET,
             "edge_mm",
             self.edge_mm,
             [0.02 * self.void_mm, 0.5 * side],
         )?;
-        reasonable_edge(
+        within(
             PRESET,
             "largest_mm",
             self.largest_mm,
