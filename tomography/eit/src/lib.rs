@@ -61,7 +61,8 @@ pub use case::{
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
 pub use jacobian::Parameters;
-pub use mesh::{Depth, ENOUGH_EDGES, Mesh, MeshError, MeshQuality, bounding_box, polygon_contains};
+pub use mesh::polygon::{clip_by, left_of, polygon_area, polygon_contains};
+pub use mesh::{Depth, ENOUGH_EDGES, Mesh, MeshError, MeshQuality, bounding_box};
 pub use model::{
     CentresChoice, ChangeChoice, DistancesChoice, Jitter, LossChoice, Model, ModelError, Network,
     OpenChoices, PointsChoice, Report, SizeChoice, SpreadChoice, TrainingReport, TrainingSettings,

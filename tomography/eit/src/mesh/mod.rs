@@ -5,6 +5,7 @@ mod depth;
 mod error;
 pub(crate) mod generation;
 mod kept;
+pub(crate) mod polygon;
 #[cfg(test)]
 mod tests;
 
@@ -326,24 +327,6 @@ pub fn bounding_box(points: impl IntoIterator<Item = [f64; 2]>) -> [[f64; 2]; 2]
             ]
         },
     )
-}
-
-/// Whether a polygon contains a point, by the even-odd rule; nothing is inside fewer than three corners.
-pub fn polygon_contains(corners: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
-    if corners.len() < 3 {
-        return false;
-    }
-    let mut inside = false;
-    let mut from = corners[corners.len() - 1];
-    for &to in corners {
-        if (from[1] > y) != (to[1] > y)
-            && x < from[0] + (y - from[1]) / (to[1] - from[1]) * (to[0] - from[0])
-        {
-            inside = !inside;
-        }
-        from = to;
-    }
-    inside
 }
 
 /// The signed area.

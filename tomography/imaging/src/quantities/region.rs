@@ -1,5 +1,6 @@
 //! Named regions of the sheet.
 
+use eit::{left_of, polygon_area};
 use serde::{Deserialize, Serialize};
 
 /// Name of the whole sheet in place of a region.
@@ -107,7 +108,7 @@ impl RegionSettings {
         if crosses_itself(&corners) {
             return Err(wrong("an edge of the polygon crosses another"));
         }
-        if area(&corners) < 1.0 {
+        if polygon_area(&corners).abs() < 1.0 {
             return Err(wrong("its area is less than 1 mm2"));
         }
         Ok(corners
@@ -134,26 +135,14 @@ pub fn check_regions(regions: &[RegionSettings]) -> Result<(), (usize, RegionErr
     Ok(())
 }
 
-fn area(corners: &[[f64; 2]]) -> f64 {
-    let mut twice = 0.0;
-    for (index, [x1, y1]) in corners.iter().enumerate() {
-        let [x0, y0] = corners[(index + corners.len() - 1) % corners.len()];
-        twice += x0 * y1 - x1 * y0;
-    }
-    0.5 * twice.abs()
-}
-
 fn crosses_itself(corners: &[[f64; 2]]) -> bool {
     let count = corners.len();
-    let edge = |index: usize| (corners[index], corners[(index + 1) % count]);
-    let side = |(a, b): ([f64; 2], [f64; 2]), c: [f64; 2]| {
-        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    };
+    let edge = |index: usize| [corners[index], corners[(index + 1) % count]];
     (0..count).any(|i| {
         (i + 2..count).filter(|j| (j + 1) % count != i).any(|j| {
             let (first, second) = (edge(i), edge(j));
-            side(first, second.0) * side(first, second.1) < 0.0
-                && side(second, first.0) * side(second, first.1) < 0.0
+            let apart = |line, [a, b]: [[f64; 2]; 2]| left_of(line, a) * left_of(line, b) < 0.0;
+            apart(first, second) && apart(second, first)
         })
     })
 }

@@ -5,7 +5,7 @@ mod tests;
 
 use std::f64::consts::TAU;
 
-use eit::{Mesh, bounding_box};
+use eit::{Mesh, bounding_box, clip_by, left_of, polygon_area};
 use serde::{Deserialize, Serialize};
 
 /// Number of corners of the polygon that approximates a circle; its area is exactly that of the circle.
@@ -217,7 +217,8 @@ impl Load {
                 if apart {
                     return None;
                 }
-                let share = (area(&clip(&outline, corners)) / mesh.area(t)).clamp(0.0, 1.0);
+                let share =
+                    (polygon_area(&clip(&outline, corners)).abs() / mesh.area(t)).clamp(0.0, 1.0);
                 (share > 0.0).then_some((t, share))
             })
             .collect();
@@ -235,7 +236,7 @@ impl Load {
 impl Shape {
     /// Area, m2.
     pub fn area(&self) -> f64 {
-        area(&self.outline_mm()) * 1e-6
+        polygon_area(&self.outline_mm()).abs() * 1e-6
     }
 
     fn check(&self, load: &str) -> Result<(), LoadError> {
@@ -308,7 +309,7 @@ impl Shape {
             }
             Self::Polygon { points_mm } => {
                 let mut points = points_mm.clone();
-                if signed_area(&points) < 0.0 {
+                if polygon_area(&points) < 0.0 {
                     points.reverse();
                 }
                 points
@@ -346,50 +347,11 @@ fn arc(x: f64, radius: f64, from: f64, open: f64, pieces: usize) -> Vec<[f64; 2]
         .collect()
 }
 
-fn signed_area(points: &[[f64; 2]]) -> f64 {
-    let Some(first) = points.first() else {
-        return 0.0;
-    };
-    // coordinates relative to one corner, to avoid cancellation far from the origin
-    let at = |p: &[f64; 2]| [p[0] - first[0], p[1] - first[1]];
-    0.5 * points
-        .windows(2)
-        .map(|pair| {
-            let (a, b) = (at(&pair[0]), at(&pair[1]));
-            a[0] * b[1] - a[1] * b[0]
-        })
-        .sum::<f64>()
-}
-
-fn area(points: &[[f64; 2]]) -> f64 {
-    signed_area(points).abs()
-}
-
-/// Twice the signed area of the triangle a, b, p: positive if p is to the left of the line from a to b.
-fn left(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
-    (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
-}
-
-/// Sutherland-Hodgman: clips the polygon by the three sides of a triangle. If a concave polygon is cut into pieces,
-/// these remain connected by slits of zero area along a side.
+/// The part of a polygon in a triangle.
 fn clip(polygon: &[[f64; 2]], [a, b, c]: [[f64; 2]; 3]) -> Vec<[f64; 2]> {
-    let mut points = polygon.to_vec();
-    for (from, to) in [(a, b), (b, c), (c, a)] {
-        let Some(&last) = points.last() else { break };
-        let mut kept = Vec::with_capacity(points.len() + 3);
-        let mut previous = (last, left(from, to, last));
-        for &point in &points {
-            let side = left(from, to, point);
-            if (side >= 0.0) != (previous.1 >= 0.0) {
-                let share = previous.1 / (previous.1 - side);
-                kept.push([0, 1].map(|i| previous.0[i] + share * (point[i] - previous.0[i])));
-            }
-            if side >= 0.0 {
-                kept.push(point);
-            }
-            previous = (point, side);
-        }
-        points = kept;
+    let (mut points, mut spare) = (polygon.to_vec(), Vec::new());
+    for side in [[a, b], [b, c], [c, a]] {
+        clip_by(side, &mut points, &mut spare);
     }
     points
 }
@@ -402,7 +364,7 @@ fn check_polygon(load: &str, points: &[[f64; 2]]) -> Result<(), LoadError> {
         });
     }
     let count = points.len();
-    if count < 3 || area(points) == 0.0 {
+    if count < 3 || polygon_area(points) == 0.0 {
         return Err(LoadError::Corners {
             load: load.to_owned(),
             corners: count,
@@ -415,7 +377,8 @@ fn check_polygon(load: &str, points: &[[f64; 2]]) -> Result<(), LoadError> {
                 continue;
             }
             let ((a, b), (c, d)) = (side(first), side(second));
-            let apart = left(a, b, c) * left(a, b, d) > 0.0 || left(c, d, a) * left(c, d, b) > 0.0;
+            let apart = left_of([a, b], c) * left_of([a, b], d) > 0.0
+                || left_of([c, d], a) * left_of([c, d], b) > 0.0;
             let [[al, bl], [ah, bh]] = bounding_box([a, b]);
             let [[cl, dl], [ch, dh]] = bounding_box([c, d]);
             let beside = al > ch || cl > ah || bl > dh || dl > bh;

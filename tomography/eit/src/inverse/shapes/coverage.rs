@@ -1,6 +1,6 @@
 //! The share of each triangle of the region that a convex outline covers.
 
-use crate::{Mesh, bounding_box};
+use crate::{Mesh, bounding_box, clip_by, polygon_area};
 
 /// The region's triangles, indexed by position.
 pub(crate) struct Cover {
@@ -79,19 +79,20 @@ impl Cover {
         let sides: Vec<Side> = (0..outline.len())
             .map(|k| Side::new(outline[k], outline[(k + 1) % outline.len()]))
             .collect();
-        let mut clipped = Clipped::default();
+        // the clipped triangle, and memory for its next cut
+        let mut buffers = [Vec::new(), Vec::new()];
         near.into_iter()
             .filter_map(|t| {
-                let share = self.share(t as usize, &sides, &mut clipped);
+                let share = self.share(t as usize, &sides, &mut buffers);
                 (share > 0.0).then_some((t, share))
             })
             .collect()
     }
 
     /// The share of a triangle on the inner side of all sides.
-    fn share(&self, t: usize, sides: &[Side], clipped: &mut Clipped) -> f64 {
+    fn share(&self, t: usize, sides: &[Side], [points, spare]: &mut [Vec<[f64; 2]>; 2]) -> f64 {
         let (centre, reach) = self.circles[t];
-        clipped.points.clear();
+        points.clear();
         for side in sides {
             let depth = side.depth(centre);
             if depth <= -reach {
@@ -99,18 +100,18 @@ impl Cover {
             }
             // sides with a larger depth do not intersect the triangle
             if depth < reach {
-                if clipped.points.is_empty() {
-                    clipped.points.extend(self.corners[t]);
+                if points.is_empty() {
+                    points.extend(self.corners[t]);
                 }
-                clipped.cut(side);
-                if clipped.points.is_empty() {
+                clip_by(side.ends, points, spare);
+                if points.is_empty() {
                     return 0.0;
                 }
             }
         }
-        match clipped.points.is_empty() {
+        match points.is_empty() {
             true => 1.0,
-            false => (area(&clipped.points) / self.areas[t]).clamp(0.0, 1.0),
+            false => (polygon_area(points) / self.areas[t]).clamp(0.0, 1.0),
         }
     }
 }
@@ -137,49 +138,4 @@ impl Side {
         let [a, _] = self.ends;
         self.normal[0] * (x - a[0]) + self.normal[1] * (y - a[1])
     }
-}
-
-/// A triangle clipped by sides.
-#[derive(Default)]
-struct Clipped {
-    points: Vec<[f64; 2]>,
-    kept: Vec<[f64; 2]>,
-}
-
-impl Clipped {
-    /// Keeps the part on the inner side.
-    fn cut(&mut self, side: &Side) {
-        let [a, b] = side.ends;
-        self.kept.clear();
-        let last = self.points[self.points.len() - 1];
-        let mut previous = (last, left(a, b, last));
-        for &p in &self.points {
-            let side = left(a, b, p);
-            if (side >= 0.0) != (previous.1 >= 0.0) {
-                let s = previous.1 / (previous.1 - side);
-                self.kept
-                    .push([0, 1].map(|i| previous.0[i] + s * (p[i] - previous.0[i])));
-            }
-            if side >= 0.0 {
-                self.kept.push(p);
-            }
-            previous = (p, side);
-        }
-        std::mem::swap(&mut self.points, &mut self.kept);
-    }
-}
-
-fn left(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
-    (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
-}
-
-fn area(points: &[[f64; 2]]) -> f64 {
-    if points.len() < 3 {
-        return 0.0;
-    }
-    let o = points[0];
-    0.5 * points
-        .windows(2)
-        .map(|w| (w[0][0] - o[0]) * (w[1][1] - o[1]) - (w[0][1] - o[1]) * (w[1][0] - o[0]))
-        .sum::<f64>()
 }
