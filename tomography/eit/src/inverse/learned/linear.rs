@@ -7,7 +7,7 @@ use survey::{Protocol, Reading};
 
 use crate::inverse::error::OneStepError;
 use crate::inverse::options::{OneStepOptions, Scale};
-use crate::inverse::prior::{Penalty, Prior, outside};
+use crate::inverse::prior::{LAPLACE_WEIGHT, Penalty, Prior, outside};
 use crate::inverse::reciprocity::Fold;
 use crate::inverse::reconstructor::Difference;
 use crate::{Forward, Mesh, Parameters, ReconstructError};
@@ -46,8 +46,8 @@ impl Linear {
         let mut penalty = match options.prior {
             Prior::Tikhonov => Penalty::identity(sensitivity.ncols()),
             Prior::Noser { p } => Penalty::noser(&sensitivity, p),
-            Prior::Laplace => Penalty::laplacian(mesh),
-            Prior::Variation => Penalty::variation(mesh),
+            Prior::Laplace => Penalty::of_borders(mesh, |_| LAPLACE_WEIGHT),
+            Prior::Variation => Penalty::of_borders(mesh, |length| length * length),
             Prior::Gaussian { length_m } => Penalty::smooth(mesh, length_m)?,
         };
         penalty.weigh(&outside(options.shown.as_deref(), sensitivity.ncols()));

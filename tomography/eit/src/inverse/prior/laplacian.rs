@@ -3,6 +3,7 @@
 
 use nalgebra::DMatrix;
 
+use crate::inverse::graph::Graph;
 use crate::linear_algebra::sparse::{Analysis, Block, Factor, dissect};
 
 /// R = sum w_e (x_i - x_j)^2 over edges.
@@ -31,29 +32,14 @@ pub(crate) struct Half {
 
 impl Laplacian {
     pub(crate) fn new(points: Vec<[f64; 2]>, edges: Vec<[usize; 2]>, weights: Vec<f64>) -> Self {
-        let neighbours = neighbours(points.len(), &edges);
-        let mut part = vec![usize::MAX; points.len()];
-        let mut size = Vec::new();
-        for seed in 0..points.len() {
-            if part[seed] != usize::MAX {
-                continue;
-            }
-            let name = size.len();
-            size.push(0);
-            let mut frontier = vec![seed];
-            part[seed] = name;
-            while let Some(unknown) = frontier.pop() {
-                size[name] += 1;
-                for &next in &neighbours[unknown] {
-                    if part[next] == usize::MAX {
-                        part[next] = name;
-                        frontier.push(next);
-                    }
-                }
-            }
+        let graph = Graph::new(points.len(), edges, Vec::new());
+        let (part, count) = graph.parts(|_, _| true);
+        let mut size = vec![0; count];
+        for &part in &part {
+            size[part] += 1;
         }
         Self {
-            edges,
+            edges: graph.edges,
             weights,
             points,
             part,

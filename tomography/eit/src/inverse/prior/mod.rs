@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::Mesh;
 use crate::inverse::error::OneStepError;
-use crate::inverse::graph::Graph;
 pub(crate) use crate::inverse::prior::laplacian::{Half, Laplacian, block_of_columns};
 use crate::inverse::prior::laplacian::{block_of_rows, matrix_of};
 pub(crate) use crate::inverse::prior::smooth::Smooth;
@@ -110,7 +109,7 @@ pub(crate) enum Penalty {
 }
 
 /// EIDORS' scale of the Laplace prior: each shared edge adds 2 to both diagonals.
-const LAPLACE_WEIGHT: f64 = 2.0;
+pub(crate) const LAPLACE_WEIGHT: f64 = 2.0;
 
 /// Number of unit right sides solved together.
 const AT_A_TIME: usize = 256;
@@ -148,26 +147,15 @@ impl Penalty {
         }
     }
 
-    /// Twice the graph Laplacian of the mesh's region.
-    pub(crate) fn laplacian(mesh: &Mesh) -> Self {
-        let graph = Graph::of_region(mesh);
-        let weights = vec![LAPLACE_WEIGHT; graph.edges.len()];
-        Self::Laplacian(Laplacian::new(
-            mesh.region_centroids(),
-            graph.edges,
-            weights,
-        ))
-    }
-
-    /// The squared differences across the borders of a region's triangles, each times its squared length (m2).
-    pub(crate) fn variation(mesh: &Mesh) -> Self {
-        let graph = Graph::of_region(mesh);
-        let weights = graph.lengths.iter().map(|length| length * length).collect();
-        Self::Laplacian(Laplacian::new(
-            mesh.region_centroids(),
-            graph.edges,
-            weights,
-        ))
+    /// The squared differences across the borders of the region's triangles, each times the weight of a border of its
+    /// length (m).
+    pub(crate) fn of_borders(mesh: &Mesh, weight: impl Fn(f64) -> f64) -> Self {
+        let (edges, weights) = mesh
+            .borders(mesh.region())
+            .into_iter()
+            .map(|(edge, length)| (edge, weight(length)))
+            .unzip();
+        Self::Laplacian(Laplacian::new(mesh.region_centroids(), edges, weights))
     }
 
     /// A covariance of correlation length `length_m` over the mesh's region.
