@@ -37,7 +37,7 @@ pub mod preset;
 
 pub use crate::inverse::error::OneStepError;
 pub use crate::inverse::learned::network::{DeepNetwork, DeepReport, DeepSettings, Precision};
-pub use crate::inverse::learned::rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
+pub use crate::inverse::learned::rbf::{NOVELTY_LIMIT, RbfNetwork};
 pub use crate::inverse::model_check::{Leftover, MisfitClass, ModelCheck, OwnMisfit};
 pub use crate::inverse::nonlinear::{NOISE_ONLY, NonlinearTv, NonlinearTvOptions};
 pub use crate::inverse::one_step::{CLIPPED, EXPECTED_CHANGE, MODEL_SHARE, OneStep};

@@ -18,10 +18,11 @@ use sha2::{Digest, Sha256};
 use survey::Protocol;
 
 use crate::inverse::learned::network::{
-    DeepNetwork, DeepReconstructor, DeepReport, TrainingDistribution,
+    DeepNetwork, DeepReport, FamiliarDeep, TrainingDistribution,
 };
-use crate::inverse::learned::trained::Trained;
-use crate::{Mesh, OwnMisfit, RbfNetwork, RbfReconstructor, Reconstructor};
+use crate::inverse::learned::rbf::FamiliarRbf;
+use crate::inverse::learned::trained::{Trained, TrainedReconstructor};
+use crate::{Mesh, OwnMisfit, RbfNetwork, Reconstructor};
 pub use history::{
     CentresChoice, ChangeChoice, DistancesChoice, Jitter, LossChoice, OpenChoices, PointsChoice,
     SizeChoice, SpreadChoice, TrainingReport, TrainingSettings,
@@ -306,10 +307,12 @@ impl Model {
                     Report::Rbf(report) => report.familiar,
                     Report::Deep(_) => f64::NAN,
                 };
-                Box::new(RbfReconstructor::new(network, familiar, trained))
+                let network = FamiliarRbf { network, familiar };
+                Box::new(TrainedReconstructor { network, trained })
             }
             Network::Deep(network, familiar) => {
-                Box::new(DeepReconstructor::new(network, familiar, trained))
+                let network = FamiliarDeep { network, familiar };
+                Box::new(TrainedReconstructor { network, trained })
             }
         }
     }

@@ -6,13 +6,9 @@
 //! would lose its digits. W is therefore stored as a product: the singular value decomposition Phi' = Q S V' gives
 //! `mixing` = S^-1 V' (small, f64) and `weights` = Q' dSigma (f32, of the size of the maps).
 
-use std::sync::Arc;
-
-use survey::{Map, Protocol, Reading};
-
-use crate::inverse::learned::trained::Trained;
+use crate::Novelty;
+use crate::inverse::learned::trained::Respond;
 use crate::linear_algebra::simd::{add_four, dot, squared_distance};
-use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// Distance to the nearest centre, in spreads, beyond which a frame is refused: every phi is below 2e-8 there, so that
 /// any such frame would give a map without loads.
@@ -165,87 +161,31 @@ impl RbfNetwork {
     }
 }
 
-/// The network as a reconstructor: normalises by Eq. 6, refuses inputs far from its training.
-#[derive(Debug, Clone)]
-pub struct RbfReconstructor {
-    network: RbfNetwork,
+/// A network and the distance of its training inputs.
+pub(crate) struct FamiliarRbf {
+    pub(crate) network: RbfNetwork,
     /// Distance from the nearest centre, in spreads, within which nearly all training inputs lie.
-    familiar: f64,
-    trained: Trained,
+    pub(crate) familiar: f64,
 }
 
-impl RbfReconstructor {
-    /// `network` must have one input per reading of the protocol and one output per triangle of the region; a loaded
-    /// model has.
-    pub(crate) fn new(network: RbfNetwork, familiar: f64, trained: Trained) -> Self {
-        Self {
-            network,
-            familiar,
-            trained,
-        }
+impl Respond for FamiliarRbf {
+    /// Distance from each centre.
+    type Input = Vec<f64>;
+
+    fn input(&self, change: Vec<f64>, left: &[usize]) -> Vec<f64> {
+        self.network.distances(&change, left)
     }
 
-    /// The network.
-    pub fn network(&self) -> &RbfNetwork {
-        &self.network
-    }
-
-    fn distances(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<(Vec<f64>, usize), ReconstructError> {
-        let (change, left, masked) = self.trained.change(baseline, frame)?;
-        Ok((self.network.distances(&change, &left), masked))
-    }
-}
-
-impl Reconstructor for RbfReconstructor {
-    fn method(&self) -> &str {
-        &self.trained.method
-    }
-
-    fn protocol(&self) -> &Protocol {
-        &self.trained.protocol
-    }
-
-    fn mesh(&self) -> &Arc<Mesh> {
-        &self.trained.mesh
-    }
-
-    fn assumptions(&self) -> Vec<String> {
-        self.trained.assumptions.clone()
-    }
-
-    fn noise_figure(&self) -> Option<f64> {
-        self.trained.noise_figure
-    }
-
-    fn novelty(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<Option<Novelty>, ReconstructError> {
-        let (distances, _) = self.distances(baseline, frame)?;
-        // without that distance, nothing says which frames are novel
-        Ok((self.familiar > 0.0).then(|| Novelty {
-            value: self.network.nearest(&distances),
+    fn novelty(&self, distances: &Vec<f64>) -> Option<(Novelty, f64)> {
+        let novelty = Novelty {
+            value: self.network.nearest(distances),
             limit: self.familiar,
             measure: "distance to the nearest centre of the network, in spreads",
-        }))
+        };
+        Some((novelty, NOVELTY_LIMIT))
     }
 
-    fn reconstruct(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<Map, ReconstructError> {
-        let (distances, masked) = self.distances(baseline, frame)?;
-        let novelty = self.network.nearest(&distances);
-        self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;
-        let values = self.network.respond(&distances);
-        Ok(self
-            .trained
-            .judged_map(values, masked, novelty, self.familiar))
+    fn respond(&self, distances: Vec<f64>) -> Result<Vec<f64>, String> {
+        Ok(self.network.respond(&distances))
     }
 }

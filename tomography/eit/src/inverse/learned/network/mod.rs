@@ -17,7 +17,7 @@ mod weights;
 
 use rayon::prelude::*;
 
-pub use crate::inverse::learned::network::deep::DeepReconstructor;
+pub(crate) use crate::inverse::learned::network::deep::FamiliarDeep;
 pub use crate::inverse::learned::network::elu::{elu, elu_slope};
 pub use crate::inverse::learned::network::history::{DeepReport, DeepSettings, Rounding};
 pub use crate::inverse::learned::network::onnx::{OnnxError, is_onnx, load_onnx};

@@ -104,9 +104,7 @@ pub fn load_onnx(
     protocol: &Protocol,
 ) -> Result<Box<dyn Reconstructor>, OnnxError> {
     #[cfg(feature = "onnx")]
-    return Ok(Box::new(session::OnnxReconstructor::load(
-        path, mesh, protocol,
-    )?));
+    return Ok(Box::new(session::load(path, mesh, protocol)?));
     #[cfg(not(feature = "onnx"))]
     {
         let _ = (mesh, protocol);
