@@ -112,9 +112,14 @@ impl ArchiveReader {
             let catalogue = self.catalogue().await?;
             let name = found(&catalogue, wanted).await?;
             let parts = catalogue.parts_of(&name).await?;
+            if parts.is_empty() {
+                return Err(ReadError::NoSuchSession(name.to_string()));
+            }
             let store = self.settings.store.open()?;
+            // the folder in the cache has the name of the session
+            retrieval::check_names([&name.site, &name.daq, &name.session])?;
             for part in &parts {
-                retrieval::check_names(&part.name)?;
+                retrieval::check_part(&part.name)?;
             }
             let failed = |source| ReadError::Cache {
                 path: cache.to_owned(),

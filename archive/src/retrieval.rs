@@ -33,11 +33,15 @@ pub enum RetrievalError {
     Exists(PathBuf),
 }
 
-/// Checks the names of a part: any role that may insert rows chooses them, and none may lead out of a folder.
-pub(crate) fn check_names(part: &PartName) -> Result<(), RetrievalError> {
+/// Checks the names of a part, see [`check_names`].
+pub(crate) fn check_part(part: &PartName) -> Result<(), RetrievalError> {
+    check_names([&part.site, &part.daq, &part.session, &part.part])
+}
+
+/// Checks names of the catalogue: any role that may insert rows chooses them, and none may lead out of a folder.
+pub(crate) fn check_names<const N: usize>(names: [&String; N]) -> Result<(), RetrievalError> {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
     let is_good = |name: &String| !name.is_empty() && name.len() <= 128 && name.bytes().all(plain);
-    let names = [&part.site, &part.daq, &part.session, &part.part];
     match names.into_iter().find(|name| !is_good(name)) {
         None => Ok(()),
         Some(wrong) => Err(RetrievalError::Name(wrong.clone())),
@@ -54,7 +58,7 @@ pub fn pull(
     folder: &Path,
 ) -> Result<PathBuf, RetrievalError> {
     let name = &part.name;
-    check_names(name)?;
+    check_part(name)?;
     let path = folder.join(format!("{}.tactus", name.part));
     let file = |source| RetrievalError::File {
         part: name.part.clone(),
@@ -95,7 +99,7 @@ pub enum Holding {
 /// The store cannot be read.
 pub fn verify(store: &dyn Store, part: &ArchivedPart) -> Result<Holding, RetrievalError> {
     let name = &part.name;
-    check_names(name)?;
+    check_part(name)?;
     let from = match store.open(name) {
         Ok(from) => from,
         Err(StoreError::Missing { .. }) => return Ok(Holding::Missing),

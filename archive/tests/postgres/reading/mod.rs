@@ -234,6 +234,31 @@ fn name_in_the_catalogue_leads_out_of_no_folder() {
 }
 
 #[test]
+fn session_without_parts_creates_no_folder() {
+    let Some((server, site)) = archive("berlin") else {
+        return;
+    };
+    site.record_session("m1", 1);
+    site.done(&["push"]);
+    for session in ["m9/../../../../x", "m8"] {
+        server.sql(&format!(
+            "INSERT INTO tactus.session SELECT site, daq, '{session}', kind, simulated, electrodes, readings, build,
+             config_sha256, model_sha256, note, about, instruments FROM tactus.session WHERE session = 'm1'"
+        ));
+    }
+    let reader = reader(&server, &site);
+    for name in ["m9", "m8"] {
+        let error = fetched(&reader, name, &site).unwrap_err();
+        assert!(
+            matches!(error, ReadError::NoSuchSession(_)),
+            "{name}: {error}"
+        );
+    }
+    assert!(!site.folder.path().join("x").exists());
+    assert!(!site.folder.path().join("cache").exists());
+}
+
+#[test]
 fn machines_show_missing_data_alarms_and_a_wrong_clock() {
     let Some((server, site)) = archive("berlin") else {
         return;
