@@ -59,13 +59,16 @@ impl Catalogue {
     ///
     /// # Errors
     /// Missing rights, or the site belongs to another role.
-    pub async fn add_site(&self, site: &str, role: &str) -> Result<(), CatalogueError> {
+    pub async fn add_site(&mut self, site: &str, role: &str) -> Result<(), CatalogueError> {
         self.check_version().await?;
+        // a site that is entered stays: it is entered together with the rights of its role, or not at all
+        let (transaction, server) = self.begin().await?;
         let insert = "INSERT INTO tactus.site (name, role) VALUES ($1, $2::text::name) ON CONFLICT DO NOTHING";
-        self.within(self.client.execute(insert, &[&site, &role]))
+        server
+            .within(transaction.execute(insert, &[&site, &role]))
             .await?;
         let of = "SELECT role::text FROM tactus.site WHERE name = $1";
-        let row = self.within(self.client.query_one(of, &[&site])).await?;
+        let row = server.within(transaction.query_one(of, &[&site])).await?;
         if row.get::<_, &str>(0) != role {
             return Err(CatalogueError::SiteTaken {
                 site: site.to_owned(),
@@ -74,8 +77,11 @@ impl Catalogue {
         }
         // an identifier cannot be a parameter
         let quoted = "SELECT format('GRANT tactus_uploader TO %I', $1::text)";
-        let row = self.within(self.client.query_one(quoted, &[&role])).await?;
-        self.within(self.client.batch_execute(row.get(0))).await
+        let row = server
+            .within(transaction.query_one(quoted, &[&role]))
+            .await?;
+        server.within(transaction.batch_execute(row.get(0))).await?;
+        server.within(transaction.commit()).await
     }
 
     /// Checks that the tables have the version of this program, and that the site belongs to the role of this

@@ -200,6 +200,6 @@ async fn add_site(settings: &Settings, requested: &AddSite) -> Result<(), Failur
     if let Some(fault) = name_fault(&requested.site) {
         return Err(Failure::Usage(format!("SITE: {fault}")));
     }
-    let catalogue = Catalogue::connect(&settings.access).await?;
+    let mut catalogue = Catalogue::connect(&settings.access).await?;
     Ok(catalogue.add_site(&requested.site, &requested.role).await?)
 }

@@ -110,6 +110,19 @@ fn site_of_another_role_is_refused_by_name() {
 }
 
 #[test]
+fn site_added_with_an_unknown_role_can_be_added_again() {
+    let Some((server, owner)) = archive("berlin") else {
+        return;
+    };
+    let add = |role: &str| owner.owner(&server, &["add-site", "paris", "--role", role]);
+    let error = String::from_utf8(add("pairs").stderr).unwrap();
+    assert!(error.contains("role \"pairs\" does not exist"), "{error}");
+    server.add_role("paris");
+    let done = add("paris");
+    assert!(done.status.success(), "{done:?}");
+}
+
+#[test]
 fn uploader_can_only_insert_rows_of_its_own_site() {
     let Some((server, site)) = archive("berlin") else {
         return;
