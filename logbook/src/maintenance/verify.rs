@@ -356,7 +356,11 @@ impl VerifyState {
                 // The clock was set back.
                 false => (after.wall, before.wall),
             };
-            let within = |event: &&Event| (from..=to + EVENT_MAY_FOLLOW_S).contains(&event.at);
+            // a forged session may name a time at the end of the calendar
+            let to = to
+                .checked_add_signed(EVENT_MAY_FOLLOW_S)
+                .unwrap_or(DateTime::<Utc>::MAX_UTC);
+            let within = |event: &&Event| (from..=to).contains(&event.at);
             let mut events = self.events.iter().filter(within);
             let restart = events.clone().find(|event| event.kind == RESUMED);
             restart.or_else(|| events.next())
@@ -371,5 +375,34 @@ impl VerifyState {
                     .map(|event| format!("{}: {}", event.kind, event.text)),
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn gap_at_the_end_of_the_calendar_is_explained_by_an_event() {
+        let frame = |sequence, wall| FrameTime {
+            sequence,
+            monotonic: 100.0 * sequence as f64,
+            wall,
+        };
+        let last = DateTime::<Utc>::MAX_UTC;
+        let (before, after) = (frame(1, last - Duration::from_secs(100)), frame(2, last));
+        let mut look = VerifyState {
+            moments: vec![(before, after, 100.0)],
+            events: vec![Event {
+                at: last,
+                kind: "note".into(),
+                text: "the end".into(),
+            }],
+            ..VerifyState::default()
+        };
+        let gaps = look.gaps();
+        assert_eq!(gaps[0].explained.as_deref(), Some("note: the end"));
     }
 }
