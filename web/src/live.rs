@@ -65,7 +65,9 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
                     following = None;
                     if let Some(id) = running {
                         // the session may have ended since the status; if not, the next status opens it again
-                        match Following::open(&connection, &manager, id.clone(), session.clone(), live).await {
+                        let opening = Following::open(&connection, &manager, id.clone(), session.clone(), live);
+                        let opened = tokio::time::timeout(PATIENCE, opening).await;
+                        match opened.unwrap_or_else(|late| Err(late.into())) {
                             Ok(opened) => following = Some(opened),
                             Err(error) => trouble = Some(format!("the frames of {id} cannot be read: {error}")),
                         }
@@ -340,7 +342,69 @@ impl Following {
 
 #[cfg(test)]
 mod tests {
+    use tokio::net::UnixListener;
+    use tokio::sync::Notify;
+
     use super::*;
+
+    /// A daemon with a session, which does not reply to the query of the geometry.
+    struct Manager1(Arc<Notify>);
+
+    #[zbus::interface(name = "org.tactus.Tactus1.Manager1")]
+    impl Manager1 {
+        async fn status(&self) -> dbus::Status {
+            dbus::Status {
+                session: Some(dbus::SessionStatus {
+                    id: Some("m1".to_owned()),
+                    ..dbus::SessionStatus::default()
+                }),
+                ..dbus::Status::default()
+            }
+        }
+
+        async fn geometry(&self) -> dbus::Geometry {
+            self.0.notify_one();
+            std::future::pending().await
+        }
+    }
+
+    struct Alarms1;
+
+    #[zbus::interface(name = "org.tactus.Tactus1.Alarms1")]
+    impl Alarms1 {
+        async fn list(&self) -> Vec<dbus::AlarmReport> {
+            Vec::new()
+        }
+    }
+
+    #[tokio::test]
+    async fn session_that_is_not_opened_is_not_awaited_for_ever() {
+        let folder = tempfile::tempdir().unwrap();
+        let peer = folder.path().join("peer");
+        let listener = UnixListener::bind(&peer).unwrap();
+        let (live, queried) = (Live::default(), Arc::new(Notify::new()));
+        tokio::spawn(follow(Some(Address::Unix(peer)), live.clone()));
+        let (stream, _) = listener.accept().await.unwrap();
+        let _daemon = zbus::connection::Builder::unix_stream(stream.into_std().unwrap())
+            .server(zbus::Guid::generate())
+            .p2p()
+            .serve_at(dbus::ROOT_PATH, Manager1(Arc::clone(&queried)))
+            .serve_at(dbus::ROOT_PATH, Alarms1)
+            .build()
+            .await
+            .unwrap();
+        queried.notified().await;
+        tokio::time::pause();
+        tokio::time::advance(PATIENCE).await;
+        tokio::time::resume();
+        let mut followed = live.subscribe();
+        let trouble = followed.wait_for(|snapshot| {
+            let trouble = snapshot.state.trouble.as_deref().unwrap_or_default();
+            trouble.starts_with("the frames of m1 cannot be read: ")
+        });
+        let shown = tokio::time::timeout(Duration::from_secs(120), trouble).await;
+        shown.expect("it is shown").unwrap();
+    }
 
     fn record(sequence: u64, body: Body) -> Record {
         Record {
