@@ -4,11 +4,10 @@
 //! the SHA-256 of its JSON, a space, and the JSON. A line that does not match its checksum, such as a partly written
 //! last line, is skipped and counted as damaged.
 
-use std::fs::OpenOptions;
 use std::path::{Path, PathBuf};
 
 use crate::LogbookError;
-use crate::files::lines::append_line;
+use crate::files::lines::{append_line, open_for_lines};
 use crate::states::checksum;
 
 /// End of the name of the file.
@@ -28,15 +27,8 @@ pub fn quantities_file(dir: &Path, id: &str) -> PathBuf {
 pub fn append_quantities(dir: &Path, id: &str, json: &str) -> Result<(), LogbookError> {
     let path = quantities_file(dir, id);
     let line = format!("{} {json}", &checksum(json)[..DIGITS]);
-    let append = || -> std::io::Result<()> {
-        let mut file = OpenOptions::new()
-            .create(true)
-            .append(true)
-            .read(true)
-            .open(&path)?;
-        append_line(&mut file, line.as_bytes())
-    };
-    append().map_err(|source| LogbookError::disk(&path, "write the quantities to", source))
+    let append = open_for_lines(&path).and_then(|mut file| append_line(&mut file, line.as_bytes()));
+    append.map_err(|source| LogbookError::disk(&path, "write the quantities to", source))
 }
 
 /// A line of quantities.

@@ -3,8 +3,18 @@
 use std::fs::File;
 use std::io::{Result, Write};
 use std::os::unix::fs::FileExt;
+use std::path::Path;
 
-/// Appends a line and a line end to a file that is open for reading and appending. If the last line has no line end,
+/// Opens a file for [`append_line`]; creates it if it is missing.
+pub(crate) fn open_for_lines(path: &Path) -> Result<File> {
+    File::options()
+        .create(true)
+        .read(true)
+        .append(true)
+        .open(path)
+}
+
+/// Appends a line and a line end to a file opened by [`open_for_lines`]. If the last line has no line end,
 /// after a power cut or on a full disk, one is written first, so that the new line is separate. If the write fails,
 /// the file is truncated to its former length if possible.
 pub(crate) fn append_line(file: &mut File, line: &[u8]) -> Result<()> {
@@ -29,12 +39,7 @@ mod tests {
     fn torn_line_takes_no_later_one_with_it() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lines");
-        let mut file = File::options()
-            .create(true)
-            .read(true)
-            .append(true)
-            .open(&path)
-            .unwrap();
+        let mut file = open_for_lines(&path).unwrap();
         append_line(&mut file, b"one").unwrap();
         append_line(&mut file, b"two").unwrap();
         file.write_all(b"thr").unwrap();

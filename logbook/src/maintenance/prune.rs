@@ -1,8 +1,7 @@
 //! Retention: removes sessions by age or size, optionally only exported ones.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::ErrorKind;
-use std::os::unix::fs::FileExt;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -11,8 +10,8 @@ use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
 use crate::directory::index;
-use crate::files::lines::append_line;
-use crate::files::{EXTENSION, entries, id_of, part_of, path_of};
+use crate::files::lines::{append_line, open_for_lines};
+use crate::files::{EXTENSION, entries, id_of, open_at_once, part_of, path_of};
 use crate::{Index, LogbookError, SessionKind, SessionReader, SessionSummary, StateKind};
 
 /// Name of the list of pruned sessions, one JSON object on each line.
@@ -109,9 +108,17 @@ pub(crate) fn pruned_parts(dir: &Path) -> BTreeSet<String> {
     struct Line {
         id: String,
     }
-    let text = std::fs::read_to_string(dir.join(PRUNED)).unwrap_or_default();
-    text.lines()
-        .filter_map(|line| serde_json::from_str::<Line>(line).ok())
+    let read = || -> std::io::Result<Vec<u8>> {
+        let file = open_at_once(&dir.join(PRUNED))?;
+        // not to its end, which a device in its place may not have
+        let (length, mut bytes) = (file.metadata()?.len(), Vec::new());
+        file.take(length).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    read()
+        .unwrap_or_default()
+        .split(|byte| *byte == b'\n')
+        .filter_map(|line| serde_json::from_slice::<Line>(line).ok())
         .map(|line| line.id)
         .collect()
 }
@@ -427,10 +434,6 @@ fn remove(
         id: &'a str,
         why: &'a str,
     }
-    #[derive(Deserialize)]
-    struct Listed {
-        id: String,
-    }
     let line = Line {
         at: now,
         id: &removed.id,
@@ -440,21 +443,11 @@ fn remove(
     // distinguished from a lost one.
     let list = dir.join(PRUNED);
     let append = || -> std::io::Result<()> {
-        let mut file = std::fs::OpenOptions::new()
-            .create(true)
-            .append(true)
-            .read(true)
-            .open(&list)?;
         // a session whose files could not be removed is tried again, in the ring several times a second
-        let mut listed = vec![0; file.metadata()?.len() as usize];
-        file.read_exact_at(&mut listed, 0)?;
-        let mut listed = listed
-            .split(|byte| *byte == b'\n')
-            .filter_map(|line| serde_json::from_slice::<Listed>(line).ok());
-        if listed.any(|listed| listed.id == removed.id) {
+        if pruned_parts(dir).contains(&removed.id) {
             return Ok(());
         }
-        append_line(&mut file, &serde_json::to_vec(&line)?)
+        append_line(&mut open_for_lines(&list)?, &serde_json::to_vec(&line)?)
     };
     let append =
         || append().map_err(|source| LogbookError::disk(&list, "write what is removed to", source));

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::example_frames::taken::{at, taken};
 use logbook::{
     ArchiveReceipt, Retention, SessionHeader, SessionWriter, StateKind, append_quantities,
-    archived, keep_state, kept_state, mark_archived, prune, quantity_lines, sha256_of,
+    archived, keep_state, kept_state, mark_archived, prune, quantity_lines, sha256_of, verify,
 };
 use survey::{Protocol, Reading};
 
@@ -65,6 +65,24 @@ fn quantities_stay_as_long_as_a_part_of_their_session() {
     let left = std::fs::read_dir(dir).unwrap();
     let left: Vec<_> = left.map(|file| file.unwrap().file_name()).collect();
     assert_eq!(left, ["pruned.jsonl"]);
+}
+
+#[test]
+fn damaged_line_hides_no_other_pruned_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    let writer = in_parts(dir, 3);
+    let ring = Retention {
+        keep_bytes: Some(0),
+        ring: true,
+        ..Retention::default()
+    };
+    prune(dir, &ring, at(60), false).unwrap();
+    let list = dir.join("pruned.jsonl");
+    let whole = std::fs::read(&list).unwrap();
+    std::fs::write(&list, [b"{\"id\":\"m\xff\"}\n", &whole[..]].concat()).unwrap();
+    let found = verify(writer.path(), |_| {}).unwrap();
+    assert!(found.findings.is_empty(), "{:?}", found.findings);
 }
 
 #[test]
