@@ -1,9 +1,11 @@
 //! Events of the daemon that belong to no session: lines of JSON in the folder of the sessions, bounded in size.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use crate::files::lines::append_line;
+use crate::files::lines::{append_line, open_for_lines};
+use crate::files::open_files::inode;
 use crate::{Event, LogbookError};
 
 /// The current file, and the previous one.
@@ -35,11 +37,7 @@ impl DaemonLog {
         let path = directory.join(FILE_NAMES[0]);
         let begun = || -> std::io::Result<(File, u64)> {
             std::fs::create_dir_all(directory)?;
-            let file = OpenOptions::new()
-                .create(true)
-                .read(true)
-                .append(true)
-                .open(&path)?;
+            let file = open_for_lines(&path)?;
             let bytes = file.metadata()?.len();
             Ok((file, bytes))
         };
@@ -52,15 +50,22 @@ impl DaemonLog {
         })
     }
 
-    /// Writes one event; a full file becomes the previous file first.
+    /// Writes one event; a full file becomes the previous file first, and a file that was moved or deleted is created
+    /// again.
     ///
     /// # Errors
     /// The disk refuses the write.
     pub fn append(&mut self, event: &Event) -> Result<(), LogbookError> {
+        let [path, before] = FILE_NAMES.map(|name| self.directory.join(name));
+        if !self.is_at(&path) {
+            *self = Self::bounded(&self.directory, self.most)?;
+        }
         if self.bytes >= self.most {
-            let [path, before] = FILE_NAMES.map(|name| self.directory.join(name));
-            std::fs::rename(&path, before)
-                .map_err(|source| LogbookError::io(&path, "rename", source))?;
+            match std::fs::rename(&path, before) {
+                // moved or deleted since it was opened
+                Err(gone) if gone.kind() == ErrorKind::NotFound => {}
+                renamed => renamed.map_err(|source| LogbookError::io(&path, "rename", source))?,
+            }
             *self = Self::bounded(&self.directory, self.most)?;
         }
         let kept = event.text.char_indices();
@@ -69,7 +74,6 @@ impl DaemonLog {
             text: kept.map(|(_, letter)| letter).collect(),
             ..event.clone()
         };
-        let path = self.directory.join(FILE_NAMES[0]);
         let mut written = || -> std::io::Result<usize> {
             let line = serde_json::to_vec(&short)?;
             append_line(&mut self.file, &line)?;
@@ -79,6 +83,12 @@ impl DaemonLog {
         let line = written().map_err(|source| LogbookError::io(&path, "write", source))?;
         self.bytes += line as u64;
         Ok(())
+    }
+
+    /// Whether the open file is still the one at its path: what is written to a moved or deleted file is lost.
+    fn is_at(&self, path: &Path) -> bool {
+        let files = (std::fs::metadata(path), self.file.metadata());
+        matches!(files, (Ok(there), Ok(open)) if inode(&there) == inode(&open))
     }
 }
 
@@ -92,7 +102,7 @@ pub fn read_daemon_log(directory: impl AsRef<Path>) -> Result<Vec<Event>, Logboo
         let path = directory.as_ref().join(name);
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
-            Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(absent) if absent.kind() == ErrorKind::NotFound => continue,
             Err(source) => return Err(LogbookError::io(&path, "read", source)),
         };
         let lines = bytes.split(|byte| *byte == b'\n');
@@ -156,6 +166,30 @@ mod tests {
         let read = read_daemon_log(folder.path()).unwrap();
         let texts: Vec<&str> = read.iter().map(|event| event.text.as_str()).collect();
         assert_eq!(texts, ["the disk is full", "there is space again"]);
+    }
+
+    #[test]
+    fn events_after_the_file_was_moved_or_deleted_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = folder.path().join("log");
+        let path = dir.join(FILE_NAMES[0]);
+        let mut writer = DaemonLog::open(&dir).unwrap();
+        let mut appended = |number| {
+            let event = event(number, "something happened");
+            writer.append(&event).unwrap();
+            assert_eq!(read_daemon_log(&dir).unwrap().last(), Some(&event));
+        };
+        appended(1);
+        std::fs::rename(&path, folder.path().join("elsewhere")).unwrap();
+        appended(2);
+        std::fs::remove_file(&path).unwrap();
+        appended(3);
+        std::fs::remove_dir_all(&dir).unwrap();
+        appended(4);
+        // another file in its place
+        std::fs::remove_file(&path).unwrap();
+        std::fs::write(&path, "").unwrap();
+        appended(5);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Device and inode, which stay the same when a file is renamed.
-type Inode = (u64, u64);
+pub(crate) type Inode = (u64, u64);
 
 /// Number of writers of each file; briefly two while a session is resumed.
 static WRITTEN: Mutex<BTreeMap<Inode, u32>> = Mutex::new(BTreeMap::new());
@@ -20,7 +20,7 @@ fn written() -> MutexGuard<'static, BTreeMap<Inode, u32>> {
     WRITTEN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn inode(of: &Metadata) -> Inode {
+pub(crate) fn inode(of: &Metadata) -> Inode {
     (of.dev(), of.ino())
 }
 
