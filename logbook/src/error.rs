@@ -133,24 +133,9 @@ pub enum LogbookError {
         /// Readings of the protocol.
         wants: usize,
     },
-    /// A reading is flagged ok and is not a number.
-    #[error("reading {reading} is flagged ok and is not a finite number; flag it instead")]
-    NotFinite {
-        /// Its index, from 0.
-        reading: usize,
-    },
-    /// More readings than a frame's record can count.
-    #[error("a frame of {has} readings is too long to be kept; 65,535 is the most")]
-    TooManyReadings {
-        /// What it has.
-        has: usize,
-    },
     /// Readings that the codec refuses.
-    #[error("a frame cannot be kept: {source}")]
-    NotPacked {
-        /// Why.
-        source: crate::codec::EncodeError,
-    },
+    #[error(transparent)]
+    Readings(#[from] crate::codec::EncodeError),
     /// A time that does not fit 64 bits of nanoseconds.
     #[error("{what} is out of range: wall times reach from 1677 to 2262, durations to 292 years")]
     TimeOutOfRange {
@@ -375,16 +360,6 @@ fn object_of(attempt: &str) -> &str {
         .split_once(' ')
         .map_or(attempt, |(_, object)| object);
     object.strip_suffix(" of").unwrap_or(object)
-}
-
-impl From<crate::codec::EncodeError> for LogbookError {
-    fn from(refusal: crate::codec::EncodeError) -> Self {
-        match refusal {
-            crate::codec::EncodeError::NotFinite(reading) => Self::NotFinite { reading },
-            crate::codec::EncodeError::TooMany(has) => Self::TooManyReadings { has },
-            refused => Self::NotPacked { source: refused },
-        }
-    }
 }
 
 #[cfg(test)]

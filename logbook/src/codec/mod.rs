@@ -55,16 +55,16 @@ pub const MOST_FRAMES: usize = 32;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum EncodeError {
     /// The reading at this index of its frame is flagged ok and is not finite.
-    #[error("reading {0} is not finite")]
+    #[error("reading {0} is flagged ok and is not a finite number; flag it instead")]
     NotFinite(usize),
     /// More than 65,535 readings.
-    #[error("{0} readings; a frame holds 65,535 at most")]
+    #[error("a frame of {0} readings is too long to be kept; 65,535 is the most")]
     TooMany(usize),
     /// No frames, more than [`MOST_FRAMES`], or frames of different lengths.
-    #[error("{0} frames cannot be packed together: pass 1 to {most} of the same length", most = MOST_FRAMES)]
+    #[error("a frame cannot be kept: {0} frames cannot be packed together: pass 1 to {most} of the same length", most = MOST_FRAMES)]
     Frames(usize),
     /// An error of pco.
-    #[error("the readings cannot be packed: {0}")]
+    #[error("a frame cannot be kept: the readings cannot be packed: {0}")]
     Refused(PcoError),
 }
 

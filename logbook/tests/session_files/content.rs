@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
+use logbook::codec::EncodeError;
 use logbook::{
     About, InstrumentRecord, LogbookError, MapRecord, SessionHeader, SessionReader, SessionWriter,
 };
@@ -274,7 +275,7 @@ fn nonsense_is_refused_before_it_is_written() {
     infinite.readings[11] = Reading::Ok(Volts(f64::INFINITY));
     assert!(matches!(
         writer.append(&infinite, None),
-        Err(LogbookError::NotFinite { reading: 11 })
+        Err(LogbookError::Readings(EncodeError::NotFinite(11)))
     ));
     let mut early = frame(1);
     early.wall = DateTime::<Utc>::MIN_UTC;
