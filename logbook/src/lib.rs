@@ -65,12 +65,10 @@ mod writer;
 pub use crate::daemon_log::{DaemonLog, read_daemon_log};
 pub use crate::directory::index::Index;
 pub use crate::directory::lock::{StateLock, lock};
-pub use crate::directory::{
-    Listing, Unreadable, baselines, find, interrupted, latest_baseline, list,
-};
+pub use crate::directory::{Listing, Unreadable, find, interrupted, list};
 pub use crate::error::{DiskFault, LogbookError};
 pub use crate::files::{part_of, parts};
-pub use crate::maintenance::leftovers::{TidyReport, merge_closed, tidy};
+pub use crate::maintenance::leftovers::{TidyReport, merge_closed};
 pub use crate::maintenance::prune::{
     ExportMarker, KeptSession, Pruned, Removed, Retention, exported, folder_bytes, mark_exported,
     prune, prune_each,

@@ -8,10 +8,8 @@ pub(crate) mod scan;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use chrono::{DateTime, Utc};
-
 use crate::files::{self, id_of, part_of};
-use crate::{Index, LogbookError, SessionKind, SessionSummary};
+use crate::{Index, LogbookError, SessionSummary};
 
 /// The content of a folder.
 #[derive(Debug, Default)]
@@ -98,26 +96,4 @@ pub fn find(dir: impl AsRef<Path>, id_or_prefix: &str) -> Result<PathBuf, Logboo
             })
         }
     }
-}
-
-/// The baseline sessions of a folder that were closed, the oldest first.
-///
-/// # Errors
-/// The folder cannot be read.
-pub fn baselines(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookError> {
-    let mut sessions = list(dir)?.sessions;
-    sessions.retain(|session| session.kind == SessionKind::Baseline && session.closed.is_some());
-    Ok(sessions)
-}
-
-/// The latest baseline as of `now`, if there is one; closed sessions without a baseline are skipped. A baseline dated
-/// in the future was recorded with a wrong clock and is used only if there is no other.
-///
-/// # Errors
-/// The folder or that baseline cannot be read.
-pub fn latest_baseline(
-    dir: impl AsRef<Path>,
-    now: DateTime<Utc>,
-) -> Result<Option<(SessionSummary, survey::Baseline)>, LogbookError> {
-    index(dir)?.latest_baseline(now)
 }

@@ -25,14 +25,6 @@ pub struct TidyReport {
     pub refused: Vec<LogbookError>,
 }
 
-/// Tidies a folder; the caller must hold its lock, so that there is no other writer.
-///
-/// # Errors
-/// The folder cannot be read.
-pub fn tidy(dir: impl AsRef<Path>) -> Result<TidyReport, LogbookError> {
-    Index::load(dir).tidy()
-}
-
 /// Merges the journals of closed sessions into their files, also while a writer is running: sessions that were closed
 /// while a program was reading them. Returns the sessions that are complete now. A session that is still being read,
 /// or cannot be opened, is left unchanged.
@@ -197,7 +189,7 @@ mod tests {
         std::fs::write(dir.join("half.rescue"), "half").unwrap();
         std::fs::write(dir.join("notes.tactus"), "a person's own words").unwrap();
 
-        let tidied = tidy(dir).unwrap();
+        let tidied = Index::load(dir).tidy().unwrap();
         let names = |paths: &[PathBuf]| -> Vec<String> {
             let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
             paths.iter().map(name).collect()
@@ -213,7 +205,7 @@ mod tests {
         let whole = SessionReader::open(&path).unwrap();
         assert_eq!(whole.closed().unwrap().reason, "done");
         SessionWriter::resume(&goes_on).unwrap();
-        let again = tidy(dir).unwrap();
+        let again = Index::load(dir).tidy().unwrap();
         assert!(again.removed.is_empty() && again.merged.is_empty());
     }
 
