@@ -5,8 +5,7 @@ use survey::{Frame, Quality, Reading};
 use super::rows::{self, Unwritten};
 use super::{SessionWriter, check_length, nanoseconds, span};
 use crate::codec::MOST_FRAMES;
-use crate::row::{FrameRow, pack_trace};
-use crate::writer::segments::StretchKey;
+use crate::row::{FrameRow, Stretch, pack_trace};
 use crate::{LogbookError, MapRecord, Record};
 
 /// A frame, its map record, and its quality if it comes from another file.
@@ -110,7 +109,10 @@ impl SessionWriter {
                     )?),
                     None => None,
                 };
-                let standing = StretchKey {
+                let new = Stretch {
+                    // set if the frame begins it
+                    id: 0,
+                    period: 0,
                     sequence: sequence as i64,
                     monotonic: span(frame.monotonic, "a frame's monotonic time")? / 1000,
                     wall: nanoseconds(frame.wall, "a frame's wall time")?.div_euclid(1000),
@@ -118,9 +120,7 @@ impl SessionWriter {
                     mapper,
                     simulated: frame.simulated,
                 };
-                let stands = self
-                    .stretches
-                    .place(&transaction, header_checksum, &standing)?;
+                let stands = self.stretches.place(&transaction, header_checksum, new)?;
                 let quality = match quality {
                     Some(kept) => (*kept).clone(),
                     None => self.checks.of(frame),

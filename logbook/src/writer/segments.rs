@@ -21,16 +21,6 @@ pub(super) struct Stretches {
     last_id: i64,
 }
 
-/// The properties that assign a frame to a stretch; times in microseconds.
-pub(super) struct StretchKey {
-    pub(super) sequence: i64,
-    pub(super) monotonic: i64,
-    pub(super) wall: i64,
-    pub(super) settings: i64,
-    pub(super) mapper: Option<i64>,
-    pub(super) simulated: bool,
-}
-
 /// A frame's stretch, tick and skew.
 pub(super) struct StretchPosition {
     pub(super) stretch: i64,
@@ -44,60 +34,52 @@ impl Stretches {
         self.last_id = last_id;
     }
 
-    /// The position of a frame, in a new stretch if no known one matches.
+    /// The position of a frame. `new` is the stretch that begins with it if no known one matches; its id and period
+    /// are set then.
     pub(super) fn place(
         &mut self,
         transaction: &Connection,
         header_checksum: HeaderChecksum,
-        frame: &StretchKey,
+        mut new: Stretch,
     ) -> rusqlite::Result<StretchPosition> {
         let alike = self.known.iter().position(|known| {
             (known.settings, known.mapper, known.simulated)
-                == (frame.settings, frame.mapper, frame.simulated)
+                == (new.settings, new.mapper, new.simulated)
         });
-        let apart = |stretch: &Stretch| {
-            let (tick, skew) = stretch.apart(frame.sequence, frame.monotonic, frame.wall);
-            StretchPosition {
-                stretch: stretch.id,
-                tick,
-                skew,
-            }
-        };
         if let Some(index) = alike {
             self.known[..=index].rotate_right(1);
             let known = &self.known[0];
-            let place = apart(known);
-            let near = place.tick.abs() < WIDE_US && place.skew.abs() < WIDE_US;
-            if near || frame.sequence - known.sequence < MIN_FRAMES {
-                return Ok(place);
+            let (tick, skew) = known.apart(new.sequence, new.monotonic, new.wall);
+            let near = tick.abs() < WIDE_US && skew.abs() < WIDE_US;
+            if near || new.sequence - known.sequence < MIN_FRAMES {
+                return Ok(StretchPosition {
+                    stretch: known.id,
+                    tick,
+                    skew,
+                });
             }
         }
-        let period = self.known.first().map_or(0, |last| {
-            let frames = frame.sequence - last.sequence;
-            let since = frame.monotonic - last.monotonic;
+        new.id = self.last_id + 1;
+        new.period = self.known.first().map_or(0, |last| {
+            let frames = new.sequence - last.sequence;
+            let since = new.monotonic - last.monotonic;
             if frames > 0 && since >= 0 {
                 since / frames
             } else {
                 last.period
             }
         });
-        let stretch = Stretch {
-            id: self.last_id + 1,
-            settings: frame.settings,
-            mapper: frame.mapper,
-            simulated: frame.simulated,
-            sequence: frame.sequence,
-            monotonic: frame.monotonic,
-            wall: frame.wall,
-            period,
+        write_stretch(transaction, header_checksum, &new)?;
+        self.last_id = new.id;
+        let place = StretchPosition {
+            stretch: new.id,
+            tick: 0,
+            skew: 0,
         };
-        write_stretch(transaction, header_checksum, &stretch)?;
-        self.last_id = stretch.id;
-        let place = apart(&stretch);
         if alike.is_some() {
             self.known.remove(0);
         }
-        self.known.insert(0, stretch);
+        self.known.insert(0, new);
         self.known.truncate(REMEMBERED_STRETCHES);
         Ok(place)
     }
