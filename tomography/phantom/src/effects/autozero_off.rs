@@ -5,33 +5,22 @@
 //! when autozero is on.
 
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::wander::Wander;
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// Size of the zero error.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct AutozeroOffSettings {
-    /// Share of the range, parts per million.
-    pub range_ppm: f64,
-    /// Fixed part, uV.
-    pub uv: f64,
-    /// Time constant, s.
-    pub tau_s: f64,
-}
-
-impl Default for AutozeroOffSettings {
-    fn default() -> Self {
-        Self {
-            range_ppm: 2.0,
-            uv: 5.0,
-            tau_s: 600.0,
-        }
+parameters! {
+    /// Size of the zero error.
+    AutozeroOffSettings {
+        /// Share of the range, parts per million.
+        range_ppm = 2.0, in [0.0, 1e3], "ppm";
+        /// Fixed part, uV.
+        uv = 5.0, in [0.0, 1e3], "uV";
+        /// Time constant, s.
+        tau_s = 600.0, in [1.0, 1e6], "s";
     }
 }
 
@@ -43,14 +32,6 @@ impl AutozeroOffSettings {
 }
 
 impl Effect for AutozeroOffSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("range_ppm", self.range_ppm, [0.0, 1e3], "ppm")
-            .within("uv", self.uv, [0.0, 1e3], "uV")
-            .within("tau_s", self.tau_s, [1.0, 1e6], "s")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.volts(&sight.context))
     }

@@ -3,32 +3,21 @@
 //! Less than 50 pA at 25 degC (fact sheet, section 2.1): 50 nV on a kilohm. It is negligible on the sheet, but not on a
 //! detached contact.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Size of the bias current.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct BiasCurrentSettings {
-    /// Bias current, pA.
-    pub pa: f64,
-}
-
-impl Default for BiasCurrentSettings {
-    fn default() -> Self {
-        Self { pa: 50.0 }
+parameters! {
+    /// Size of the bias current.
+    BiasCurrentSettings {
+        /// Bias current, pA.
+        pa = 50.0, in [-1e6, 1e6], "pA";
     }
 }
 
 impl Effect for BiasCurrentSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new().within("pa", self.pa, [-1e6, 1e6], "pA").end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.pa * 1e-12 * sight.context.source_resistance.0)
     }

@@ -14,52 +14,25 @@
 use std::f64::consts::PI;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::creep::PronyStep;
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// Temperature of the body, and the sheet's response.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct BodyContactSettings {
-    /// Temperature above the room's, degC.
-    pub c: f64,
-    /// Time constant of the slowest mode, s.
-    pub tau_s: f64,
-    /// Coefficient of resistance, % per degC.
-    pub percent_per_c: f64,
-    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
-    pub every_s: f64,
-}
-
-impl Default for BodyContactSettings {
-    fn default() -> Self {
-        Self {
-            c: 8.0,
-            tau_s: 300.0,
-            percent_per_c: -0.2,
-            every_s: 10.0,
-        }
+parameters! {
+    /// Temperature of the body, and the sheet's response.
+    BodyContactSettings {
+        /// Temperature above the room's, degC.
+        c = 8.0, in [-20.0, 20.0], "degC";
+        /// Time constant of the slowest mode, s.
+        tau_s = 300.0, in [1.0, 1e5], "s";
+        /// Coefficient of resistance, % per degC.
+        percent_per_c = -0.2, in [-1.0, 1.0], "% per degC";
+        /// Interval at which the sheet is recomputed, s; changes in between are ignored.
+        every_s = 10.0, in [0.001, 86_400.0], "s";
     }
 }
 
 impl Effect for BodyContactSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("c", self.c, [-20.0, 20.0], "degC")
-            .within("tau_s", self.tau_s, [1.0, 1e5], "s")
-            .within(
-                "percent_per_c",
-                self.percent_per_c,
-                [-1.0, 1.0],
-                "% per degC",
-            )
-            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| effects.body_contact = on.then(|| self.clone()))
     }

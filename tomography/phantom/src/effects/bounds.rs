@@ -1,4 +1,4 @@
-//! Ranges of the parameters of effects.
+//! Ranges of the parameters of effects, and how parameters that are numbers are declared: each once.
 
 /// A parameter outside its physical range: its key within the effect, and what is allowed.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,3 +53,40 @@ impl Bounds {
         self.0
     }
 }
+
+/// The parameters of an effect.
+pub(crate) trait Parameters {
+    /// The error for the first parameter outside its physical range.
+    fn check(&self) -> Result<(), Fault>;
+}
+
+/// Declares the parameters of an effect that are all numbers: for each key its documentation, its default, its range
+/// and the unit of an error message, nothing for a ratio. They are checked in this order.
+macro_rules! parameters {
+    ($(#[$meta:meta])* $settings:ident {
+        $($(#[$doc:meta])* $key:ident = $default:expr, in $range:expr $(, $unit:literal)?;)+
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct $settings {
+            $($(#[$doc])* pub $key: f64,)+
+        }
+
+        impl Default for $settings {
+            fn default() -> Self {
+                Self { $($key: $default),+ }
+            }
+        }
+
+        impl $crate::effects::bounds::Parameters for $settings {
+            fn check(&self) -> Result<(), $crate::effects::bounds::Fault> {
+                $crate::effects::bounds::Bounds::new()
+                    $(.within(stringify!($key), self.$key, $range, concat!($($unit)?)))+
+                    .end()
+            }
+        }
+    };
+}
+
+pub(super) use parameters;

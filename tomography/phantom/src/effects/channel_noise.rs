@@ -10,7 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 use survey::{Relay, Volts};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
@@ -39,11 +39,13 @@ impl Default for ChannelNoiseSettings {
     }
 }
 
-impl Effect for ChannelNoiseSettings {
+impl Parameters for ChannelNoiseSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new().within("uv", self.uv, [0.0, 1e6], "uV").end()
     }
+}
 
+impl Effect for ChannelNoiseSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| {
             let noisy = (sight.context.relay).is_some_and(|relay| self.channels.contains(&relay.0));

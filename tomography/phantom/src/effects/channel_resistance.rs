@@ -9,47 +9,26 @@ use std::time::Duration;
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
-use serde::{Deserialize, Serialize};
 use survey::Relay;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnWires, RelayContact, SheetResponse, stream};
 
-/// Resistances added to relays.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ChannelResistanceSettings {
-    /// Median resistance of a pole above its data sheet's, ohm.
-    pub ohm: f64,
-    /// Standard deviation of its logarithm.
-    pub std: f64,
-    /// Share of the relays that are dirty, %.
-    pub dirty_percent: f64,
-    /// Resistance added by dirt to each pole, ohm.
-    pub dirty_ohm: f64,
-}
-
-impl Default for ChannelResistanceSettings {
-    fn default() -> Self {
-        Self {
-            ohm: 0.5,
-            std: 0.3,
-            dirty_percent: 10.0,
-            dirty_ohm: 50.0,
-        }
+parameters! {
+    /// Resistances added to relays.
+    ChannelResistanceSettings {
+        /// Median resistance of a pole above its data sheet's, ohm.
+        ohm = 0.5, in [0.0, 1000.0], "ohm";
+        /// Standard deviation of its logarithm.
+        std = 0.3, in [0.0, 3.0];
+        /// Share of the relays that are dirty, %.
+        dirty_percent = 10.0, in [0.0, 100.0], "%";
+        /// Resistance added by dirt to each pole, ohm.
+        dirty_ohm = 50.0, in [0.0, 1e6], "ohm";
     }
 }
 
 impl Effect for ChannelResistanceSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("ohm", self.ohm, [0.0, 1000.0], "ohm")
-            .within("std", self.std, [0.0, 3.0], "")
-            .within("dirty_percent", self.dirty_percent, [0.0, 100.0], "%")
-            .within("dirty_ohm", self.dirty_ohm, [0.0, 1e6], "ohm")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // two poles of a channel and two of the relay to the bus form a divider with the voltmeter's input
         let mean = self.ohm * (0.5 * self.std * self.std).exp();

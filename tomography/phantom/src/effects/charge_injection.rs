@@ -3,26 +3,19 @@
 //! 1 to 50 pC into 10 to 100 pF and a kilohm: gone in less than a microsecond (fact sheet, section 2.2). Leave it out
 //! with a delay of 100 us or more.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Charge and capacitance.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ChargeInjectionSettings {
-    /// Charge, pC.
-    pub pc: f64,
-    /// Capacitance of channel and cable, pF.
-    pub pf: f64,
-}
-
-impl Default for ChargeInjectionSettings {
-    fn default() -> Self {
-        Self { pc: 20.0, pf: 50.0 }
+parameters! {
+    /// Charge and capacitance.
+    ChargeInjectionSettings {
+        /// Charge, pC.
+        pc = 20.0, in [-1e3, 1e3], "pC";
+        /// Capacitance of channel and cable, pF.
+        pf = 50.0, in [1.0, 1e6], "pF";
     }
 }
 
@@ -39,13 +32,6 @@ impl ChargeInjectionSettings {
 }
 
 impl Effect for ChargeInjectionSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("pc", self.pc, [-1e3, 1e3], "pC")
-            .within("pf", self.pf, [1.0, 1e6], "pF")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.left(&sight.context))
     }

@@ -3,30 +3,20 @@
 //! 140 dB at direct voltage with a kilohm of imbalance (fact sheet, section 2.1): 1e-7 of the common-mode voltage.
 //! Negligible unless the guard is faulty.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Common-mode rejection of the voltmeter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CommonModeSettings {
-    /// Rejection, dB.
-    pub db: f64,
-    /// Resistance over which the current raises the sheet's potential against earth, kohm: about half of the source's
-    /// load.
-    pub kohm: f64,
-}
-
-impl Default for CommonModeSettings {
-    fn default() -> Self {
-        Self {
-            db: 140.0,
-            kohm: 1.0,
-        }
+parameters! {
+    /// Common-mode rejection of the voltmeter.
+    CommonModeSettings {
+        /// Rejection, dB.
+        db = 140.0, in [20.0, 200.0], "dB";
+        /// Resistance over which the current raises the sheet's potential against earth, kohm: about half of the
+        /// source's load.
+        kohm = 1.0, in [0.0, 1e3], "kohm";
     }
 }
 
@@ -38,13 +28,6 @@ impl CommonModeSettings {
 }
 
 impl Effect for CommonModeSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("db", self.db, [20.0, 200.0], "dB")
-            .within("kohm", self.kohm, [0.0, 1e3], "kohm")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.volts(&sight.context))
     }

@@ -4,43 +4,23 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::wander::Wander;
 use super::{Effect, Effects, OnContacts, SheetResponse, stream};
 
-/// Size and speed of the drift.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ContactDriftSettings {
-    /// Rms of the contact resistance's change, %.
-    pub percent: f64,
-    /// Time constant, h.
-    pub tau_h: f64,
-    /// Interval at which the contacts are recomputed, s; changes in between are ignored.
-    pub every_s: f64,
-}
-
-impl Default for ContactDriftSettings {
-    fn default() -> Self {
-        Self {
-            percent: 10.0,
-            tau_h: 24.0,
-            every_s: 60.0,
-        }
+parameters! {
+    /// Size and speed of the drift.
+    ContactDriftSettings {
+        /// Rms of the contact resistance's change, %.
+        percent = 10.0, in [0.0, 300.0], "%";
+        /// Time constant, h.
+        tau_h = 24.0, in [0.001, 10_000.0], "h";
+        /// Interval at which the contacts are recomputed, s; changes in between are ignored.
+        every_s = 60.0, in [0.001, 86_400.0], "s";
     }
 }
 
 impl Effect for ContactDriftSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("percent", self.percent, [0.0, 300.0], "%")
-            .within("tau_h", self.tau_h, [0.001, 10_000.0], "h")
-            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.contacts() * self.percent / 100.0
     }

@@ -7,30 +7,19 @@ use std::time::Duration;
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnContacts, SheetResponse, stream};
 
-/// Size of the differences.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ContactSpreadSettings {
-    /// Standard deviation of ln(contact resistance).
-    pub std: f64,
-}
-
-impl Default for ContactSpreadSettings {
-    fn default() -> Self {
-        Self { std: 0.4 }
+parameters! {
+    /// Size of the differences.
+    ContactSpreadSettings {
+        /// Standard deviation of ln(contact resistance).
+        std = 0.4, in [0.0, 3.0];
     }
 }
 
 impl Effect for ContactSpreadSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new().within("std", self.std, [0.0, 3.0], "").end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.contacts() * self.std
     }

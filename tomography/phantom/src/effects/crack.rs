@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnSheet, SheetResponse};
 
 /// Position and growth of the crack.
@@ -76,7 +76,7 @@ impl CrackSettings {
     }
 }
 
-impl Effect for CrackSettings {
+impl Parameters for CrackSettings {
     fn check(&self) -> Result<(), Fault> {
         let bounds = Bounds::new();
         let from = self.from_mm.iter().map(|mm| ("from_mm", *mm));
@@ -90,7 +90,9 @@ impl Effect for CrackSettings {
             .within("days", self.days, [1e-6, 1e4], "d")
             .end()
     }
+}
 
+impl Effect for CrackSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         let lost = response.over_time(&|at| -(-at / 86_400.0 / self.days).exp_m1());
         response.solved(&|places, sigma, _| self.cut(lost, places, sigma))

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
 /// Size and speed of the creep.
@@ -35,7 +35,7 @@ impl Default for CreepSettings {
     }
 }
 
-impl Effect for CreepSettings {
+impl Parameters for CreepSettings {
     fn check(&self) -> Result<(), Fault> {
         if self.percent.len() != self.tau_s.len() || self.percent.is_empty() {
             return Err(Fault {
@@ -56,7 +56,9 @@ impl Effect for CreepSettings {
         .within("every_s", self.every_s, [0.001, 86_400.0], "s")
         .end()
     }
+}
 
+impl Effect for CreepSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| effects.creep = on.then(|| self.clone()))
     }

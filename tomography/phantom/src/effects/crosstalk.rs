@@ -4,29 +4,19 @@
 //! over the integration: with 10 to 100 pF and kilohms it decays within a microsecond (fact sheet, section 2.2). Leave
 //! it out with a delay of 100 us or more. `charge-injection` covers the charge of a relay's own drive.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Capacitances of the wires.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CrosstalkSettings {
-    /// Capacitance between a driven and a measuring wire, pF.
-    pub between_pf: f64,
-    /// Capacitance of the measuring wire to everything at constant potential, pF.
-    pub wire_pf: f64,
-}
-
-impl Default for CrosstalkSettings {
-    fn default() -> Self {
-        Self {
-            between_pf: 20.0,
-            wire_pf: 100.0,
-        }
+parameters! {
+    /// Capacitances of the wires.
+    CrosstalkSettings {
+        /// Capacitance between a driven and a measuring wire, pF.
+        between_pf = 20.0, in [0.0, 1e5], "pF";
+        /// Capacitance of the measuring wire to everything at constant potential, pF.
+        wire_pf = 100.0, in [1.0, 1e6], "pF";
     }
 }
 
@@ -44,13 +34,6 @@ impl CrosstalkSettings {
 }
 
 impl Effect for CrosstalkSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("between_pf", self.between_pf, [0.0, 1e5], "pF")
-            .within("wire_pf", self.wire_pf, [1.0, 1e6], "pF")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.left(&sight.context))
     }

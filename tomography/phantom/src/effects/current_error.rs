@@ -3,29 +3,19 @@
 //! 0.05 % + 1 uA on the 2 mA range, 0.05 % + 100 nA on 200 uA, 0.05 % + 10 uA on 20 mA (fact sheet, section 2.2). A
 //! constant gain, which difference imaging cancels.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Errors of the current.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CurrentErrorSettings {
-    /// Error as a share of the current, %.
-    pub gain_percent: f64,
-    /// Error as a share of the range, %: 0.05 is 1 uA on 2 mA.
-    pub offset_percent: f64,
-}
-
-impl Default for CurrentErrorSettings {
-    fn default() -> Self {
-        Self {
-            gain_percent: 0.05,
-            offset_percent: 0.05,
-        }
+parameters! {
+    /// Errors of the current.
+    CurrentErrorSettings {
+        /// Error as a share of the current, %.
+        gain_percent = 0.05, in [-5.0, 5.0], "%";
+        /// Error as a share of the range, %: 0.05 is 1 uA on 2 mA.
+        offset_percent = 0.05, in [-5.0, 5.0], "%";
     }
 }
 
@@ -43,13 +33,6 @@ impl CurrentErrorSettings {
 }
 
 impl Effect for CurrentErrorSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("gain_percent", self.gain_percent, [-5.0, 5.0], "%")
-            .within("offset_percent", self.offset_percent, [-5.0, 5.0], "%")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| sight.exact * (self.times(&sight.context) - 1.0))
     }

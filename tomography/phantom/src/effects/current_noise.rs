@@ -11,33 +11,22 @@ use std::time::Duration;
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// Size of the noise.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CurrentNoiseSettings {
-    /// Rms as a share of the source's range, parts per million.
-    pub range_ppm: f64,
-    /// Rms of the band above 10 Hz as a share of the source's range, parts per million, before the integration averages
-    /// it; 0 for none.
-    pub wide_ppm: f64,
-    /// Width of that band, kHz.
-    pub wide_khz: f64,
-}
-
-impl Default for CurrentNoiseSettings {
-    fn default() -> Self {
-        Self {
-            range_ppm: 20.0,
-            wide_ppm: 0.0,
-            wide_khz: 1000.0,
-        }
+parameters! {
+    /// Size of the noise.
+    CurrentNoiseSettings {
+        /// Rms as a share of the source's range, parts per million.
+        range_ppm = 20.0, in [0.0, 1e5], "ppm";
+        /// Rms of the band above 10 Hz as a share of the source's range, parts per million, before the integration
+        /// averages it; 0 for none.
+        wide_ppm = 0.0, in [0.0, 1e5], "ppm";
+        /// Width of that band, kHz.
+        wide_khz = 1000.0, in [1.0, 1e5], "kHz";
     }
 }
 
@@ -54,14 +43,6 @@ impl CurrentNoiseSettings {
 }
 
 impl Effect for CurrentNoiseSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("range_ppm", self.range_ppm, [0.0, 1e5], "ppm")
-            .within("wide_ppm", self.wide_ppm, [0.0, 1e5], "ppm")
-            .within("wide_khz", self.wide_khz, [1.0, 1e5], "kHz")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| {
             let share = self.share(sight.context.integration);

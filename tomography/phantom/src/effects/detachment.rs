@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnContacts, SheetResponse};
 
 /// The electrode, and the time and size of the change.
@@ -63,7 +63,7 @@ impl DetachmentSettings {
     }
 }
 
-impl Effect for DetachmentSettings {
+impl Parameters for DetachmentSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("electrode", self.electrode as f64, [1.0, 256.0], "")
@@ -72,7 +72,9 @@ impl Effect for DetachmentSettings {
             .within("times", self.times, [1.0, 1e12], "")
             .end()
     }
+}
 
+impl Effect for DetachmentSettings {
     fn check_on(&self, electrodes: usize) -> Result<(), Fault> {
         Fault::beyond("electrode", self.electrode, electrodes)
     }

@@ -8,38 +8,21 @@
 
 use eit::{Preset, SheetElectrode};
 use rand::RngExt;
-use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnMesh, SheetResponse, stream};
 
-/// Size of the placement errors.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ElectrodePlacementSettings {
-    /// Largest displacement along each axis, mm.
-    pub off_mm: f64,
-    /// Largest error of the width, %.
-    pub width_percent: f64,
-}
-
-impl Default for ElectrodePlacementSettings {
-    fn default() -> Self {
-        Self {
-            off_mm: 0.5,
-            width_percent: 10.0,
-        }
+parameters! {
+    /// Size of the placement errors.
+    ElectrodePlacementSettings {
+        /// Largest displacement along each axis, mm.
+        off_mm = 0.5, in [0.0, 1.0], "mm";
+        /// Largest error of the width, %.
+        width_percent = 10.0, in [0.0, 20.0], "%";
     }
 }
 
 impl Effect for ElectrodePlacementSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("off_mm", self.off_mm, [0.0, 1.0], "mm")
-            .within("width_percent", self.width_percent, [0.0, 20.0], "%")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.misplaced(&|effects| effects.electrode_placement = Some(self.clone()))
     }
@@ -195,6 +178,7 @@ fn on_tank(tank: &eit::DiscTank, drawn: &[PlacementError], place: [f64; 2]) -> [
 mod tests {
     use eit::{DiscTank, Mesh, PaperSheet};
 
+    use super::super::bounds::Parameters;
     use super::*;
 
     fn displaced(drawn: &Mesh, sheet: &Preset, off_mm: f64, width_percent: f64, seed: u64) -> Mesh {

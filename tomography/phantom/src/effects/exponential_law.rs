@@ -3,33 +3,19 @@
 //! The conductance remains above zero; for small strains the law equals the gauge law with G = k (fact sheet, section
 //! 2.4). Replaces the loss p / (p + p_half); combine it with `foam`, or with a linear foam (`pressure.modulus_kpa`).
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, SheetResponse};
 use crate::law::Conduction;
 
-/// Dependence of the conductance on strain.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ExponentialLawSettings {
-    /// Loss of ln(conductance) at a strain of 1.
-    pub per_strain: f64,
-}
-
-impl Default for ExponentialLawSettings {
-    fn default() -> Self {
-        Self { per_strain: 3.0 }
+parameters! {
+    /// Dependence of the conductance on strain.
+    ExponentialLawSettings {
+        /// Loss of ln(conductance) at a strain of 1.
+        per_strain = 3.0, in [0.0, 18.0];
     }
 }
 
 impl Effect for ExponentialLawSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("per_strain", self.per_strain, [0.0, 18.0], "")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| {
             if on {

@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, SheetResponse};
 use crate::law::Foam;
 
@@ -30,7 +30,7 @@ impl Default for FoamSettings {
     }
 }
 
-impl Effect for FoamSettings {
+impl Parameters for FoamSettings {
     fn check(&self) -> Result<(), Fault> {
         let fault = |key, why: String| Err(Fault { key, why });
         if self.kpa.len() != self.strain_percent.len() || self.kpa.is_empty() {
@@ -61,7 +61,9 @@ impl Effect for FoamSettings {
         }
         Ok(())
     }
+}
 
+impl Effect for FoamSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| {
             effects.foam = on.then(|| self.clone());

@@ -6,55 +6,26 @@
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnSheet, SheetResponse};
 
-/// The room's humidity, and the sheet's response.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct HumiditySettings {
-    /// Change of conductance per 10 % RH, %.
-    pub percent_per_10_rh: f64,
-    /// Amplitude of the room's cycle, % RH.
-    pub room_rh: f64,
-    /// Length of the cycle, h.
-    pub period_h: f64,
-    /// Time constant of the foam, h.
-    pub tau_h: f64,
-    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
-    pub every_s: f64,
-}
-
-impl Default for HumiditySettings {
-    fn default() -> Self {
-        Self {
-            percent_per_10_rh: -0.5,
-            room_rh: 10.0,
-            period_h: 24.0,
-            tau_h: 3.0,
-            every_s: 60.0,
-        }
+parameters! {
+    /// The room's humidity, and the sheet's response.
+    HumiditySettings {
+        /// Change of conductance per 10 % RH, %.
+        percent_per_10_rh = -0.5, in [-5.0, 5.0], "%";
+        /// Amplitude of the room's cycle, % RH.
+        room_rh = 10.0, in [0.0, 50.0], "% RH";
+        /// Length of the cycle, h.
+        period_h = 24.0, in [0.1, 10_000.0], "h";
+        /// Time constant of the foam, h.
+        tau_h = 3.0, in [0.0, 1000.0], "h";
+        /// Interval at which the sheet is recomputed, s; changes in between are ignored.
+        every_s = 60.0, in [0.001, 86_400.0], "s";
     }
 }
 
 impl Effect for HumiditySettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within(
-                "percent_per_10_rh",
-                self.percent_per_10_rh,
-                [-5.0, 5.0],
-                "%",
-            )
-            .within("room_rh", self.room_rh, [0.0, 50.0], "% RH")
-            .within("period_h", self.period_h, [0.1, 10_000.0], "h")
-            .within("tau_h", self.tau_h, [0.0, 1000.0], "h")
-            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         let turn = TAU / (self.period_h * 3600.0);
         let slow = turn * self.tau_h * 3600.0;

@@ -5,38 +5,20 @@
 //! at least 0, and q preserves the full scale on first loading. 5 to 25 % of full scale; 24.2 % observed on a
 //! conductive-fibre sensor (fact sheet, section 2.4). Leave it out under monotone loading.
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// Width of the loop.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct HysteresisSettings {
-    /// Width of the loop at half of the full scale, % of the full scale.
-    pub percent: f64,
-    /// The loss at full scale, %.
-    pub full_percent: f64,
-}
-
-impl Default for HysteresisSettings {
-    fn default() -> Self {
-        Self {
-            percent: 15.0,
-            full_percent: 50.0,
-        }
+parameters! {
+    /// Width of the loop.
+    HysteresisSettings {
+        /// Width of the loop at half of the full scale, % of the full scale.
+        percent = 15.0, in [0.0, 40.0], "%";
+        /// The loss at full scale, %.
+        full_percent = 50.0, in [0.1, 99.999], "%";
     }
 }
 
 impl Effect for HysteresisSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("percent", self.percent, [0.0, 40.0], "%")
-            .within("full_percent", self.full_percent, [0.1, 99.999], "%")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| effects.hysteresis = on.then(|| self.clone()))
     }

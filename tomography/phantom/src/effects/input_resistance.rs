@@ -3,34 +3,21 @@
 //! 10 Mohm, or more than 10 Gohm on the ranges up to 10 V if high input impedance is selected (fact sheet, section
 //! 2.1): 1e-4 or 1e-7 of a reading on a sheet of a kilohm.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Input resistance of the voltmeter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct InputResistanceSettings {
-    /// Input resistance, Mohm.
-    pub mohm: f64,
-}
-
-impl Default for InputResistanceSettings {
-    fn default() -> Self {
-        Self { mohm: 10.0 }
+parameters! {
+    /// Input resistance of the voltmeter.
+    InputResistanceSettings {
+        /// Input resistance, Mohm.
+        mohm = 10.0, in [0.01, 1e7], "Mohm";
     }
 }
 
 impl Effect for InputResistanceSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("mohm", self.mohm, [0.01, 1e7], "Mohm")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| {
             let source = sight.context.source_resistance.0;

@@ -7,22 +7,15 @@
 use std::time::Duration;
 
 use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnNetwork, SheetResponse};
 
-/// Insulation of the wires.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct IsolationSettings {
-    /// Resistance of every electrode's wire to earth, Mohm.
-    pub mohm: f64,
-}
-
-impl Default for IsolationSettings {
-    fn default() -> Self {
-        Self { mohm: 10.0 }
+parameters! {
+    /// Insulation of the wires.
+    IsolationSettings {
+        /// Resistance of every electrode's wire to earth, Mohm.
+        mohm = 10.0, in [0.001, 1e7], "Mohm";
     }
 }
 
@@ -39,12 +32,6 @@ impl IsolationSettings {
 }
 
 impl Effect for IsolationSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("mohm", self.mohm, [0.001, 1e7], "Mohm")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.network(&|z| self.leak(z))
     }

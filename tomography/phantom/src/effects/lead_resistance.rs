@@ -5,33 +5,20 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
 use survey::{Ohms, Relay};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnWires, RelayContact, SheetResponse};
 
-/// Resistance of the source's wires.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LeadResistanceSettings {
-    /// Resistance of each of the two wires, ohm.
-    pub ohm: f64,
-}
-
-impl Default for LeadResistanceSettings {
-    fn default() -> Self {
-        Self { ohm: 1.2 }
+parameters! {
+    /// Resistance of the source's wires.
+    LeadResistanceSettings {
+        /// Resistance of each of the two wires, ohm.
+        ohm = 1.2, in [0.0, 1e6], "ohm";
     }
 }
 
 impl Effect for LeadResistanceSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("ohm", self.ohm, [0.0, 1e6], "ohm")
-            .end()
-    }
-
     fn predict(&self, _response: &dyn SheetResponse) -> f64 {
         // no reading changes: below compliance the current does not depend on the resistance
         0.0

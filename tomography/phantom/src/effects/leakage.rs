@@ -3,29 +3,19 @@
 //! 20 nA below 30 degC, doubling with each 10 degC (fact sheet, section 2.2): 20 uV on a kilohm. Does not reverse with
 //! the current, so current reversal removes it. Leave it out with mechanical relays.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Size of the leakage.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LeakageSettings {
-    /// Leakage up to 30 degC, nA.
-    pub na: f64,
-    /// Temperature of the module, degC.
-    pub celsius: f64,
-}
-
-impl Default for LeakageSettings {
-    fn default() -> Self {
-        Self {
-            na: 20.0,
-            celsius: 23.0,
-        }
+parameters! {
+    /// Size of the leakage.
+    LeakageSettings {
+        /// Leakage up to 30 degC, nA.
+        na = 20.0, in [-1e4, 1e4], "nA";
+        /// Temperature of the module, degC.
+        celsius = 23.0, in [0.0, 70.0], "degC";
     }
 }
 
@@ -36,13 +26,6 @@ impl LeakageSettings {
 }
 
 impl Effect for LeakageSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("na", self.na, [-1e4, 1e4], "nA")
-            .within("celsius", self.celsius, [0.0, 70.0], "degC")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.amps() * sight.context.source_resistance.0)
     }

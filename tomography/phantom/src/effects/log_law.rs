@@ -4,45 +4,21 @@
 //! one decade per decade of pressure (fact sheet, section 2.4: other films). R stays above 1 % of R_0. The law replaces
 //! the loss p / (p + p_half) and depends on the pressure, not on the strain.
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, SheetResponse};
 use crate::law::Conduction;
 
-/// Dependence of the resistance on pressure.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LogLawSettings {
-    /// Decrease of the resistance per decade of pressure, % of the unloaded film's resistance.
-    pub percent_per_decade: f64,
-    /// No effect below this pressure, kPa.
-    pub from_kpa: f64,
-}
-
-impl Default for LogLawSettings {
-    fn default() -> Self {
-        Self {
-            percent_per_decade: 20.0,
-            from_kpa: 1.0,
-        }
+parameters! {
+    /// Dependence of the resistance on pressure.
+    LogLawSettings {
+        /// Decrease of the resistance per decade of pressure, % of the unloaded film's resistance.
+        percent_per_decade = 20.0, in [0.0, 100.0], "% per decade";
+        /// No effect below this pressure, kPa.
+        from_kpa = 1.0, in [1e-6, 1e6], "kPa";
     }
 }
 
 impl Effect for LogLawSettings {
-    fn check(&self) -> Result<(), Fault> {
-        let percent = [0.0, 100.0];
-        Bounds::new()
-            .within(
-                "percent_per_decade",
-                self.percent_per_decade,
-                percent,
-                "% per decade",
-            )
-            .within("from_kpa", self.from_kpa, [1e-6, 1e6], "kPa")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| {
             if on {

@@ -8,59 +8,31 @@ use std::time::Duration;
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::wander::Wander;
 use super::{Effect, Effects, OnSheet, SheetResponse, stream};
 
 /// Time constants, h.
 const HOURS: [f64; 7] = [1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 720.0];
 
-/// Sizes of the parts of the drift.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LongDriftSettings {
-    /// Rms of the sum of the Ornstein-Uhlenbeck processes, %.
-    pub wander_percent: f64,
-    /// Random walk, % per square root of a day.
-    pub walk_percent: f64,
-    /// Running-in: total gain of conductance, %.
-    pub running_in_percent: f64,
-    /// Time constant of the running-in, d.
-    pub running_in_days: f64,
-    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
-    pub every_s: f64,
-}
-
-impl Default for LongDriftSettings {
-    fn default() -> Self {
-        Self {
-            wander_percent: 0.3,
-            walk_percent: 0.05,
-            running_in_percent: 3.0,
-            running_in_days: 2.0,
-            every_s: 60.0,
-        }
+parameters! {
+    /// Sizes of the parts of the drift.
+    LongDriftSettings {
+        /// Rms of the sum of the Ornstein-Uhlenbeck processes, %.
+        wander_percent = 0.3, in [0.0, 10.0], "%";
+        /// Random walk, % per square root of a day.
+        walk_percent = 0.05, in [0.0, 5.0], "%";
+        /// Running-in: total gain of conductance, %.
+        running_in_percent = 3.0, in [-20.0, 20.0], "%";
+        /// Time constant of the running-in, d.
+        running_in_days = 2.0, in [0.01, 100.0], "d";
+        /// Interval at which the sheet is recomputed, s; changes in between are ignored.
+        every_s = 60.0, in [0.001, 86_400.0], "s";
     }
 }
 
 impl Effect for LongDriftSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("wander_percent", self.wander_percent, [0.0, 10.0], "%")
-            .within("walk_percent", self.walk_percent, [0.0, 5.0], "%")
-            .within(
-                "running_in_percent",
-                self.running_in_percent,
-                [-20.0, 20.0],
-                "%",
-            )
-            .within("running_in_days", self.running_in_days, [0.01, 100.0], "d")
-            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // the variances of the parts depend on time differently
         let size = response.over_time(&|at| {

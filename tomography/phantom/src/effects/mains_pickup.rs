@@ -6,48 +6,27 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Mains voltage at the voltmeter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct MainsPickupSettings {
-    /// Amplitude of the fundamental, mV.
-    pub mv: f64,
-    /// Amplitude of the third harmonic as a share of the fundamental's.
-    pub third: f64,
-    /// Nominal mains frequency, which defines the voltmeter's cycles, Hz.
-    pub line_hz: f64,
-    /// Deviation of the mains from the nominal frequency, %.
-    pub off_percent: f64,
-}
-
-impl Default for MainsPickupSettings {
-    fn default() -> Self {
-        Self {
-            mv: 0.1,
-            third: 0.2,
-            line_hz: 50.0,
-            off_percent: 0.05,
-        }
+parameters! {
+    /// Mains voltage at the voltmeter.
+    MainsPickupSettings {
+        /// Amplitude of the fundamental, mV.
+        mv = 0.1, in [0.0, 1e3], "mV";
+        /// Amplitude of the third harmonic as a share of the fundamental's.
+        third = 0.2, in [0.0, 1.0];
+        /// Nominal mains frequency, which defines the voltmeter's cycles, Hz.
+        line_hz = 50.0, in [45.0, 440.0], "Hz";
+        /// Deviation of the mains from the nominal frequency, %.
+        off_percent = 0.05, in [-5.0, 5.0], "%";
     }
 }
 
 impl Effect for MainsPickupSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("mv", self.mv, [0.0, 1e3], "mV")
-            .within("third", self.third, [0.0, 1.0], "")
-            .within("line_hz", self.line_hz, [45.0, 440.0], "Hz")
-            .within("off_percent", self.off_percent, [-5.0, 5.0], "%")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // all phases are equally likely, so the rms of a sine is its amplitude over the root of two
         let time = response.scan().integration().as_secs_f64();

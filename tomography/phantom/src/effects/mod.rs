@@ -69,6 +69,7 @@ use survey::Volts;
 pub use acts::RelayContact;
 pub(crate) use acts::{OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places};
 pub use bounds::Fault as ParameterFault;
+use bounds::Parameters;
 pub use creep::PronyStep;
 
 pub(crate) use response::{SheetChange, SheetResponse, UnloadedReading};
@@ -86,10 +87,7 @@ pub struct Needs {
 }
 
 /// An effect as named by a scene: its parameters, their ranges, its prediction and its action.
-pub(crate) trait Effect: fmt::Debug {
-    /// The error for the first parameter outside its physical range.
-    fn check(&self) -> Result<(), ParameterFault>;
-
+pub(crate) trait Effect: Parameters + fmt::Debug {
     /// The error for the first parameter that does not fit a sheet with this number of electrodes.
     fn check_on(&self, _electrodes: usize) -> Result<(), ParameterFault> {
         Ok(())

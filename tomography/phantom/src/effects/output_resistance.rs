@@ -3,34 +3,21 @@
 //! More than 1e14 ohm on the lowest ranges; at a milliampere effectively about 1e10 ohm, from the load regulation of
 //! 0.01 % of range (fact sheet, section 2.2). Almost always negligible.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Output resistance of the source.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct OutputResistanceSettings {
-    /// Output resistance, Mohm.
-    pub mohm: f64,
-}
-
-impl Default for OutputResistanceSettings {
-    fn default() -> Self {
-        Self { mohm: 1e4 }
+parameters! {
+    /// Output resistance of the source.
+    OutputResistanceSettings {
+        /// Output resistance, Mohm.
+        mohm = 1e4, in [0.01, 1e9], "Mohm";
     }
 }
 
 impl Effect for OutputResistanceSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("mohm", self.mohm, [0.01, 1e9], "Mohm")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| sight.exact * sight.context.load_resistance.0 / (self.mohm * 1e6))
     }

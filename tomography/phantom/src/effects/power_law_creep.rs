@@ -8,31 +8,19 @@
 //! u^(-n-1) e^-u (1 - e^-su) du, computed by the trapezoid rule in ln u with three points per decade. The error is below
 //! 1e-5 for t up to a century. The update of each exponential is exact for any step, as in `creep`.
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::creep::PronySeries;
 use super::{Effect, Effects, SheetResponse};
 
-/// Size and start of the creep.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PowerLawCreepSettings {
-    /// n: the loss grows by 10^n per decade of time.
-    pub exponent: f64,
-    /// t_0, the time up to which the loss hardly grows, s.
-    pub from_s: f64,
-    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
-    pub every_s: f64,
-}
-
-impl Default for PowerLawCreepSettings {
-    fn default() -> Self {
-        Self {
-            exponent: 0.03,
-            from_s: 1.0,
-            every_s: 10.0,
-        }
+parameters! {
+    /// Size and start of the creep.
+    PowerLawCreepSettings {
+        /// n: the loss grows by 10^n per decade of time.
+        exponent = 0.03, in [0.0, 0.3];
+        /// t_0, the time up to which the loss hardly grows, s.
+        from_s = 1.0, in [0.001, 86_400.0], "s";
+        /// Interval at which the sheet is recomputed, s; changes in between are ignored.
+        every_s = 10.0, in [0.001, 86_400.0], "s";
     }
 }
 
@@ -69,14 +57,6 @@ fn gamma(x: f64) -> f64 {
 }
 
 impl Effect for PowerLawCreepSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("exponent", self.exponent, [0.0, 0.3], "")
-            .within("from_s", self.from_s, [0.001, 86_400.0], "s")
-            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| effects.power_law_creep = on.then(|| self.clone()))
     }

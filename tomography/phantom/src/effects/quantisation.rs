@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
@@ -27,13 +27,15 @@ impl QuantisationSettings {
     }
 }
 
-impl Effect for QuantisationSettings {
+impl Parameters for QuantisationSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("step_uv", self.step_uv.unwrap_or(0.0), [0.0, 1e6], "uV")
             .end()
     }
+}
 
+impl Effect for QuantisationSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // the rounding error is uniform between two steps; signals below half a step are lost completely
         response.rms(&|sight| match self.step(&sight.context) {

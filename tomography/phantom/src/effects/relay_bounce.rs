@@ -8,29 +8,19 @@
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// Times of a relay.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RelayBounceSettings {
-    /// Time until the contact closes for the first time, ms.
-    pub operate_ms: f64,
-    /// Time from then until the contact remains closed, ms.
-    pub bounce_ms: f64,
-}
-
-impl Default for RelayBounceSettings {
-    fn default() -> Self {
-        Self {
-            operate_ms: 0.7,
-            bounce_ms: 1.5,
-        }
+parameters! {
+    /// Times of a relay.
+    RelayBounceSettings {
+        /// Time until the contact closes for the first time, ms.
+        operate_ms = 0.7, in [0.0, 100.0], "ms";
+        /// Time from then until the contact remains closed, ms.
+        bounce_ms = 1.5, in [0.0, 100.0], "ms";
     }
 }
 
@@ -54,13 +44,6 @@ impl RelayBounceSettings {
 }
 
 impl Effect for RelayBounceSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("operate_ms", self.operate_ms, [0.0, 100.0], "ms")
-            .within("bounce_ms", self.bounce_ms, [0.0, 100.0], "ms")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| {
             let [bouncing, closed] = self.shares(&sight.context);

@@ -7,49 +7,25 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Warming of the sheet, and its effect on the resistance.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SelfHeatingSettings {
-    /// Final warming per power, degC per W.
-    pub c_per_w: f64,
-    /// Time constant, s.
-    pub tau_s: f64,
-    /// Coefficient of resistance, % per degC.
-    pub percent_per_c: f64,
-}
-
-impl Default for SelfHeatingSettings {
-    fn default() -> Self {
-        Self {
-            c_per_w: 1.0,
-            tau_s: 60.0,
-            percent_per_c: -0.2,
-        }
+parameters! {
+    /// Warming of the sheet, and its effect on the resistance.
+    SelfHeatingSettings {
+        /// Final warming per power, degC per W.
+        c_per_w = 1.0, in [0.0, 1000.0], "degC per W";
+        /// Time constant, s.
+        tau_s = 60.0, in [0.1, 1e5], "s";
+        /// Coefficient of resistance, % per degC.
+        percent_per_c = -0.2, in [-1.0, 1.0], "% per degC";
     }
 }
 
 impl Effect for SelfHeatingSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("c_per_w", self.c_per_w, [0.0, 1000.0], "degC per W")
-            .within("tau_s", self.tau_s, [0.1, 1e5], "s")
-            .within(
-                "percent_per_c",
-                self.percent_per_c,
-                [-1.0, 1.0],
-                "% per degC",
-            )
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // duration of the heating before a frame: zero with pauses between frames, otherwise half of the scan
         let scan = response.scan();

@@ -4,44 +4,20 @@
 //! section 2.4). A cycle is counted when the loss rises through half of its maximum after having been below a tenth of
 //! it. Leave it out below a hundred cycles.
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// Size of the set.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SetSettings {
-    /// Permanent loss per decade of cycles, % of the largest log loss.
-    pub percent_per_decade: f64,
-    /// Number of cycles of every pressed triangle before the start.
-    pub behind_cycles: f64,
-}
-
-impl Default for SetSettings {
-    fn default() -> Self {
-        Self {
-            percent_per_decade: 1.0,
-            behind_cycles: 0.0,
-        }
+parameters! {
+    /// Size of the set.
+    SetSettings {
+        /// Permanent loss per decade of cycles, % of the largest log loss.
+        percent_per_decade = 1.0, in [0.0, 20.0], "% per decade";
+        /// Number of cycles of every pressed triangle before the start.
+        behind_cycles = 0.0, in [0.0, 1e12], "cycles";
     }
 }
 
 impl Effect for SetSettings {
-    fn check(&self) -> Result<(), Fault> {
-        let percent = [0.0, 20.0];
-        Bounds::new()
-            .within(
-                "percent_per_decade",
-                self.percent_per_decade,
-                percent,
-                "% per decade",
-            )
-            .within("behind_cycles", self.behind_cycles, [0.0, 1e12], "cycles")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| effects.set = on.then(|| self.clone()))
     }

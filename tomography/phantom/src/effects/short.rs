@@ -9,7 +9,7 @@ use std::time::Duration;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnNetwork, SheetResponse};
 
 /// The shorted electrodes, and the time.
@@ -61,7 +61,7 @@ impl ShortSettings {
     }
 }
 
-impl Effect for ShortSettings {
+impl Parameters for ShortSettings {
     fn check(&self) -> Result<(), Fault> {
         let [a, b] = self.electrodes;
         if a == b {
@@ -78,7 +78,9 @@ impl Effect for ShortSettings {
             .within("to_s", self.to_s.unwrap_or(1e9), [self.from_s, 1e9], "s")
             .end()
     }
+}
 
+impl Effect for ShortSettings {
     fn check_on(&self, electrodes: usize) -> Result<(), Fault> {
         self.electrodes
             .into_iter()

@@ -4,24 +4,17 @@
 //! 1 % in 100 us at most, 2 us in the fast mode: tau = 100 us / ln 100 = 22 us (fact sheet, section 2.2). Leave it out
 //! with a delay of a millisecond or more.
 
-use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// Settling of the current.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SourceSettlingSettings {
-    /// Time constant, us.
-    pub tau_us: f64,
-}
-
-impl Default for SourceSettlingSettings {
-    fn default() -> Self {
-        Self { tau_us: 22.0 }
+parameters! {
+    /// Settling of the current.
+    SourceSettlingSettings {
+        /// Time constant, us.
+        tau_us = 22.0, in [0.01, 1e6], "us";
     }
 }
 
@@ -33,12 +26,6 @@ impl SourceSettlingSettings {
 }
 
 impl Effect for SourceSettlingSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("tau_us", self.tau_us, [0.01, 1e6], "us")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| sight.exact * self.missing(&sight.context))
     }

@@ -10,45 +10,26 @@ use std::time::Duration;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnSheet, SheetResponse, stream};
 
 /// Number of waves: the covariance is accurate to 1 / sqrt(waves).
 const WAVES: usize = 512;
 
-/// Size and correlation of the field.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SpraySettings {
-    /// Standard deviation of ln(conductance).
-    pub std: f64,
-    /// Correlation length, mm.
-    pub correlation_mm: f64,
-    /// Smoothness of the field.
-    pub nu: f64,
-}
-
-impl Default for SpraySettings {
-    fn default() -> Self {
-        Self {
-            std: 0.1,
-            correlation_mm: 30.0,
-            nu: 1.5,
-        }
+parameters! {
+    /// Size and correlation of the field.
+    SpraySettings {
+        /// Standard deviation of ln(conductance).
+        std = 0.1, in [0.0, 1.0];
+        /// Correlation length, mm.
+        correlation_mm = 30.0, in [1.0, 1000.0], "mm";
+        /// Smoothness of the field.
+        nu = 1.5, in [0.5, 4.0];
     }
 }
 
 impl Effect for SpraySettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("std", self.std, [0.0, 1.0], "")
-            .within("correlation_mm", self.correlation_mm, [1.0, 1000.0], "mm")
-            .within("nu", self.nu, [0.5, 4.0], "")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.random_field(&spectrum(self))
     }

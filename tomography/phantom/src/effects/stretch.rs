@@ -5,38 +5,20 @@
 //! sheet, section 2.4). The kernel is cut off at 6 t (its tail has 1.7 % of the weight) and evaluated at the triangles'
 //! centroids.
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// Size of the stretch.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct StretchSettings {
-    /// In-plane strain per strain across the foam.
-    pub ratio: f64,
-    /// Thickness of the foam, mm.
-    pub thickness_mm: f64,
-}
-
-impl Default for StretchSettings {
-    fn default() -> Self {
-        Self {
-            ratio: 0.2,
-            thickness_mm: 3.0,
-        }
+parameters! {
+    /// Size of the stretch.
+    StretchSettings {
+        /// In-plane strain per strain across the foam.
+        ratio = 0.2, in [0.0, 0.5];
+        /// Thickness of the foam, mm.
+        thickness_mm = 3.0, in [0.1, 100.0], "mm";
     }
 }
 
 impl Effect for StretchSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("ratio", self.ratio, [0.0, 0.5], "")
-            .within("thickness_mm", self.thickness_mm, [0.1, 100.0], "mm")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| effects.stretch = on.then(|| self.clone()))
     }

@@ -7,51 +7,24 @@
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnSheet, SheetResponse};
 
-/// The room's temperature, and the sheet's response.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TemperatureSettings {
-    /// Temperature coefficient of resistance, % per degC.
-    pub percent_per_c: f64,
-    /// Amplitude of the room's cycle, degC: half the difference between the highest and the lowest temperature.
-    pub room_c: f64,
-    /// Length of the cycle, h.
-    pub period_h: f64,
-    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
-    pub every_s: f64,
-}
-
-impl Default for TemperatureSettings {
-    fn default() -> Self {
-        Self {
-            percent_per_c: -0.2,
-            room_c: 1.5,
-            period_h: 24.0,
-            every_s: 60.0,
-        }
+parameters! {
+    /// The room's temperature, and the sheet's response.
+    TemperatureSettings {
+        /// Temperature coefficient of resistance, % per degC.
+        percent_per_c = -0.2, in [-1.0, 1.0], "% per degC";
+        /// Amplitude of the room's cycle, degC: half the difference between the highest and the lowest temperature.
+        room_c = 1.5, in [0.0, 20.0], "degC";
+        /// Length of the cycle, h.
+        period_h = 24.0, in [0.1, 10_000.0], "h";
+        /// Interval at which the sheet is recomputed, s; changes in between are ignored.
+        every_s = 60.0, in [0.001, 86_400.0], "s";
     }
 }
 
 impl Effect for TemperatureSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within(
-                "percent_per_c",
-                self.percent_per_c,
-                [-1.0, 1.0],
-                "% per degC",
-            )
-            .within("room_c", self.room_c, [0.0, 20.0], "degC")
-            .within("period_h", self.period_h, [0.1, 10_000.0], "h")
-            .within("every_s", self.every_s, [0.001, 86_400.0], "s")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // to first order in a change of the whole sheet's conductance
         let Self {

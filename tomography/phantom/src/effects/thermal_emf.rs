@@ -6,41 +6,24 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
 use survey::{Relay, Volts};
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::wander::Wander;
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// Size of the thermal voltages.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ThermalEmfSettings {
-    /// Rms of a channel's voltage, uV.
-    pub uv: f64,
-    /// Time constant, s.
-    pub tau_s: f64,
-}
-
-impl Default for ThermalEmfSettings {
-    fn default() -> Self {
-        Self {
-            uv: 0.9,
-            tau_s: 900.0,
-        }
+parameters! {
+    /// Size of the thermal voltages.
+    ThermalEmfSettings {
+        /// Rms of a channel's voltage, uV.
+        uv = 0.9, in [0.0, 200.0], "uV";
+        /// Time constant, s.
+        tau_s = 900.0, in [1.0, 1e6], "s";
     }
 }
 
 impl Effect for ThermalEmfSettings {
-    fn check(&self) -> Result<(), Fault> {
-        Bounds::new()
-            .within("uv", self.uv, [0.0, 200.0], "uV")
-            .within("tau_s", self.tau_s, [1.0, 1e6], "s")
-            .end()
-    }
-
     fn predict(&self, _response: &dyn SheetResponse) -> f64 {
         self.uv * 1e-6
     }

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
@@ -45,7 +45,7 @@ impl VoltmeterGainSettings {
     }
 }
 
-impl Effect for VoltmeterGainSettings {
+impl Parameters for VoltmeterGainSettings {
     fn check(&self) -> Result<(), Fault> {
         let bounds = Bounds::new()
             .within("gain_ppm", self.gain_ppm, [-1e4, 1e4], "ppm")
@@ -60,7 +60,9 @@ impl Effect for VoltmeterGainSettings {
             })
             .end()
     }
+}
 
+impl Effect for VoltmeterGainSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.given(sight.exact, sight.context.range.0) - sight.exact)
     }

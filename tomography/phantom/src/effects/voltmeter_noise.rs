@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 use survey::Volts;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::{Bounds, Fault, Parameters};
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
@@ -29,13 +29,15 @@ impl VoltmeterNoiseSettings {
     }
 }
 
-impl Effect for VoltmeterNoiseSettings {
+impl Parameters for VoltmeterNoiseSettings {
     fn check(&self) -> Result<(), Fault> {
         Bounds::new()
             .within("uv", self.uv.unwrap_or(0.0), [0.0, 1e6], "uV")
             .end()
     }
+}
 
+impl Effect for VoltmeterNoiseSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| self.volts(&sight.context))
     }

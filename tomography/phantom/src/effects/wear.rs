@@ -7,53 +7,26 @@
 use std::time::Duration;
 
 use rand::RngExt;
-use serde::{Deserialize, Serialize};
 use survey::Relay;
 
-use super::bounds::{Bounds, Fault};
+use super::bounds::parameters;
 use super::{Effect, Effects, OnWires, RelayContact, SheetResponse, stream};
 
-/// Life of the relays.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct WearSettings {
-    /// Number of closures that 63 % of the relays do not reach.
-    pub life_closures: f64,
-    /// Shape of the Weibull distribution: 1 for failures independent of age, more for wear.
-    pub shape: f64,
-    /// Number of closures of every relay before the start.
-    pub behind_closures: f64,
-    /// Share of the relays that stick closed, %; the others stick open.
-    pub closed_percent: f64,
-}
-
-impl Default for WearSettings {
-    fn default() -> Self {
-        Self {
-            life_closures: 3e7,
-            shape: 2.0,
-            behind_closures: 0.0,
-            closed_percent: 30.0,
-        }
+parameters! {
+    /// Life of the relays.
+    WearSettings {
+        /// Number of closures that 63 % of the relays do not reach.
+        life_closures = 3e7, in [1.0, 1e12], "closures";
+        /// Shape of the Weibull distribution: 1 for failures independent of age, more for wear.
+        shape = 2.0, in [0.2, 20.0];
+        /// Number of closures of every relay before the start.
+        behind_closures = 0.0, in [0.0, 1e12], "closures";
+        /// Share of the relays that stick closed, %; the others stick open.
+        closed_percent = 30.0, in [0.0, 100.0], "%";
     }
 }
 
 impl Effect for WearSettings {
-    fn check(&self) -> Result<(), Fault> {
-        let closures = [0.0, 1e12];
-        Bounds::new()
-            .within("life_closures", self.life_closures, [1.0, 1e12], "closures")
-            .within("shape", self.shape, [0.2, 20.0], "")
-            .within(
-                "behind_closures",
-                self.behind_closures,
-                closures,
-                "closures",
-            )
-            .within("closed_percent", self.closed_percent, [0.0, 100.0], "%")
-            .end()
-    }
-
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         // a worn channel gives no reading; each relay of the sheet closes about once per reading of its pair
         let scan = response.scan();
