@@ -4,7 +4,6 @@
 //! section 2.1), and its update is exact over any step: z' = e z + sqrt(1 - e^2) n, e = exp(-dt / tau). Leave it out
 //! when autozero is on.
 
-use rand_chacha::ChaCha8Rng;
 use survey::Volts;
 
 use super::bounds::parameters;
@@ -37,10 +36,10 @@ impl Effect for AutozeroOffSettings {
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(AutozeroOff::new(
-            self,
-            stream(seed, "autozero-off"),
-        )));
+        effects.readings.push(Box::new(AutozeroOff {
+            settings: self.clone(),
+            zero: Wander::new(survey::duration(self.tau_s), stream(seed, "autozero-off")),
+        }));
     }
 }
 
@@ -48,15 +47,6 @@ impl Effect for AutozeroOffSettings {
 pub(super) struct AutozeroOff {
     settings: AutozeroOffSettings,
     zero: Wander,
-}
-
-impl AutozeroOff {
-    fn new(settings: &AutozeroOffSettings, stream: ChaCha8Rng) -> Self {
-        Self {
-            settings: settings.clone(),
-            zero: Wander::new(survey::duration(settings.tau_s), stream),
-        }
-    }
 }
 
 impl OnReading for AutozeroOff {

@@ -58,9 +58,14 @@ impl Effect for ChannelNoiseSettings {
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
-        effects
-            .readings
-            .push(Box::new(ChannelNoise::new(self, seed)));
+        let channels = self.channels.iter().map(|channel| {
+            let own = stream(seed, &format!("channel-noise {channel}"));
+            (Relay(*channel), own)
+        });
+        effects.readings.push(Box::new(ChannelNoise {
+            volts: self.uv * 1e-6,
+            channels: channels.collect(),
+        }));
     }
 }
 
@@ -69,19 +74,6 @@ pub(super) struct ChannelNoise {
     volts: f64,
     /// One random stream per channel, so that the numbers do not depend on the order of readings.
     channels: BTreeMap<Relay, ChaCha8Rng>,
-}
-
-impl ChannelNoise {
-    fn new(settings: &ChannelNoiseSettings, seed: u64) -> Self {
-        let channels = settings.channels.iter().map(|channel| {
-            let own = stream(seed, &format!("channel-noise {channel}"));
-            (Relay(*channel), own)
-        });
-        Self {
-            volts: settings.uv * 1e-6,
-            channels: channels.collect(),
-        }
-    }
 }
 
 impl OnReading for ChannelNoise {

@@ -26,9 +26,11 @@ impl Effect for ContactDriftSettings {
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
-        effects
-            .contacts
-            .push(Box::new(ContactDrift::new(self, seed)));
+        effects.contacts.push(Box::new(ContactDrift {
+            settings: self.clone(),
+            seed,
+            contacts: Vec::new(),
+        }));
     }
 }
 
@@ -37,16 +39,6 @@ pub(super) struct ContactDrift {
     settings: ContactDriftSettings,
     seed: u64,
     contacts: Vec<Wander>,
-}
-
-impl ContactDrift {
-    fn new(settings: &ContactDriftSettings, seed: u64) -> Self {
-        Self {
-            settings: settings.clone(),
-            seed,
-            contacts: Vec::new(),
-        }
-    }
 }
 
 impl OnContacts for ContactDrift {

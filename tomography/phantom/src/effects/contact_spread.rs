@@ -25,10 +25,11 @@ impl Effect for ContactSpreadSettings {
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
-        effects.contacts.push(Box::new(ContactSpread::new(
-            self,
-            stream(seed, "contact-spread"),
-        )));
+        effects.contacts.push(Box::new(ContactSpread {
+            std: self.std,
+            stream: stream(seed, "contact-spread"),
+            drawn: Vec::new(),
+        }));
     }
 }
 
@@ -37,16 +38,6 @@ pub(super) struct ContactSpread {
     std: f64,
     stream: ChaCha8Rng,
     drawn: Vec<f64>,
-}
-
-impl ContactSpread {
-    fn new(settings: &ContactSpreadSettings, stream: ChaCha8Rng) -> Self {
-        Self {
-            std: settings.std,
-            stream,
-            drawn: Vec::new(),
-        }
-    }
 }
 
 impl OnContacts for ContactSpread {

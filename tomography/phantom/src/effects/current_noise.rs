@@ -51,10 +51,10 @@ impl Effect for CurrentNoiseSettings {
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(CurrentNoise::new(
-            self,
-            stream(seed, "current-noise"),
-        )));
+        effects.readings.push(Box::new(CurrentNoise {
+            settings: self.clone(),
+            stream: stream(seed, "current-noise"),
+        }));
     }
 }
 
@@ -62,15 +62,6 @@ impl Effect for CurrentNoiseSettings {
 pub(super) struct CurrentNoise {
     settings: CurrentNoiseSettings,
     stream: ChaCha8Rng,
-}
-
-impl CurrentNoise {
-    fn new(settings: &CurrentNoiseSettings, stream: ChaCha8Rng) -> Self {
-        Self {
-            settings: settings.clone(),
-            stream,
-        }
-    }
 }
 
 impl OnReading for CurrentNoise {

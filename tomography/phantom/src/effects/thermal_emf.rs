@@ -29,7 +29,11 @@ impl Effect for ThermalEmfSettings {
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(ThermalEmf::new(self, seed)));
+        effects.readings.push(Box::new(ThermalEmf {
+            settings: self.clone(),
+            seed,
+            channels: BTreeMap::new(),
+        }));
     }
 }
 
@@ -39,16 +43,6 @@ pub(super) struct ThermalEmf {
     seed: u64,
     /// The process of each channel to the voltmeter; the key `None` is its direct input.
     channels: BTreeMap<Option<Relay>, Wander>,
-}
-
-impl ThermalEmf {
-    fn new(settings: &ThermalEmfSettings, seed: u64) -> Self {
-        Self {
-            settings: settings.clone(),
-            seed,
-            channels: BTreeMap::new(),
-        }
-    }
 }
 
 impl OnReading for ThermalEmf {

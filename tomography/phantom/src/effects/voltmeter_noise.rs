@@ -43,10 +43,10 @@ impl Effect for VoltmeterNoiseSettings {
     }
 
     fn add(&self, seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(VoltmeterNoise::new(
-            self,
-            stream(seed, "voltmeter-noise"),
-        )));
+        effects.readings.push(Box::new(VoltmeterNoise {
+            settings: self.clone(),
+            stream: stream(seed, "voltmeter-noise"),
+        }));
     }
 }
 
@@ -54,15 +54,6 @@ impl Effect for VoltmeterNoiseSettings {
 pub(super) struct VoltmeterNoise {
     settings: VoltmeterNoiseSettings,
     stream: ChaCha8Rng,
-}
-
-impl VoltmeterNoise {
-    fn new(settings: &VoltmeterNoiseSettings, stream: ChaCha8Rng) -> Self {
-        Self {
-            settings: settings.clone(),
-            stream,
-        }
-    }
 }
 
 impl OnReading for VoltmeterNoise {
