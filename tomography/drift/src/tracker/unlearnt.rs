@@ -1,6 +1,5 @@
 //! Changes in a frame that are not load and that the tracked baseline does not contain: the drift since the sheet was
 //! empty, and the effect of lost contacts on readings of other electrodes.
-//! contacts change in the readings of others.
 
 use nalgebra::{DMatrix, DVector};
 
