@@ -27,7 +27,7 @@ pub struct MethodArguments {
     /// [default: what the session used, else noser:0.25]
     #[arg(long, value_name = "PRIOR", conflicts_with = "model")]
     pub prior: Option<PriorArgument>,
-    /// Exponent of the NOSER prior, as in noser:P; a number from 0 to 1 [default: 0.5 with --prior noser, else 0.25]
+    /// Exponent of the NOSER prior, as in noser:P; a number from 0 to 10 [default: 0.5 with --prior noser, else 0.25]
     #[arg(long, value_name = "P", conflicts_with = "model", value_parser = EXPONENT.parser(), allow_hyphen_values = true)]
     pub exponent: Option<f64>,
     /// Standard deviation of the white noise of one reading, V: lower limit of a frame's errors, and the noise that the
