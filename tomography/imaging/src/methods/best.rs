@@ -1,5 +1,5 @@
 //! The default method `best`: total variation with the full forward model on the whole sheet, or discs if these explain
-//! the frame as well. With an explicit prior, hyper-parameter or rule, with `unknowns = "region"`, and for changes that
+//! the frame as well. With an explicit prior, exponent, hyper-parameter or rule, with `unknowns = "region"`, and for changes that
 //! fill a layer it is the one-step method (NOSER p = 0.25 unless another prior is given), bounded to losses unless the
 //! frame shows gains. Networks of the paper's size blur presses of 10 mm at any noise and are never chosen.
 
@@ -24,9 +24,10 @@ pub(super) fn prepare(
 ) -> Result<Prepared, BuildError> {
     let geometry = conditions.geometry;
     let layer = geometry.mesh.depth().is_some_and(|depth| depth.has_layer());
-    // an explicit prior or rule belongs to the linear method, and changes that fill a layer have a linear model only
+    // an explicit prior, exponent or rule belongs to the linear method, and changes that fill a layer have a linear model only
     let noise_v = known_noise_v(settings, conditions);
     let linear = settings.prior.is_some()
+        || settings.exponent.is_some()
         || settings.choose.is_some()
         || settings.lambda.is_some()
         || settings.noise_figure.is_some()
@@ -80,4 +81,38 @@ fn one_step(
             .to_owned(),
     );
     Ok(Prepared::quick(one_step, notes, conditions))
+}
+
+#[cfg(test)]
+mod tests {
+    use eit::{DiscTank, Preset};
+    use survey::{Amps, Protocol};
+
+    use super::*;
+    use crate::geometry::Geometry;
+    use crate::settings::{Method, PriorName};
+
+    #[test]
+    fn an_exponent_selects_the_one_step_method() {
+        let tank = DiscTank {
+            fineness: 0.25,
+            ..DiscTank::default()
+        };
+        let geometry = Geometry::from_preset(&Preset::DiscTank(tank)).unwrap();
+        let protocol = Protocol::sheffield(geometry.electrodes()).unwrap();
+        let conditions = Conditions::live(&geometry, &protocol, Amps(1e-3));
+        let method = |prior, exponent| {
+            let settings = ReconstructionSettings {
+                method: Some(Method::Best),
+                prior,
+                exponent,
+                ..ReconstructionSettings::default()
+            };
+            let prepared = prepare(&settings, &conditions).unwrap();
+            prepared.reconstructor.method().to_owned()
+        };
+        let one_step = method(Some(PriorName::Noser), Some(0.7));
+        assert_eq!(method(None, Some(0.7)), one_step);
+        assert_ne!(method(None, None), one_step);
+    }
 }
