@@ -121,6 +121,10 @@ fn each_bad_input_is_named_at_its_place() {
             "loss_only with the gaussian prior takes longer than a frame",
         ),
         (
+            more("[model]\nmethod = \"best\"\nprior = \"gaussian\"\nloss_only = true\n"),
+            "loss_only with the gaussian prior takes longer than a frame",
+        ),
+        (
             more("[model]\nmap_error = 2.0\n"),
             "model.map_error: 2 is not above 0 and below 1",
         ),

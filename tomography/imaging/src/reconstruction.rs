@@ -19,7 +19,10 @@ use crate::settings::{DriftRule, HyperChoice, Method, PriorName, ReconstructionS
 /// [`BuildError::Setting`], which names an alternative.
 pub fn check_live(settings: &ReconstructionSettings) -> Result<(), BuildError> {
     if settings.file.is_none()
-        && settings.method.unwrap_or_default() == Method::OneStep
+        && matches!(
+            settings.method.unwrap_or_default(),
+            Method::OneStep | Method::Best
+        )
         && settings.loss_only.unwrap_or(false)
         && settings.prior == Some(PriorName::Gaussian)
     {
