@@ -5,6 +5,7 @@ use config::numbers::too_long;
 
 use crate::preparation::Findings;
 use config::Config;
+use imaging::Ignored;
 
 /// Reports each contradiction.
 pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
@@ -45,7 +46,7 @@ fn of_about(config: &Config, findings: &mut Findings<'_>) {
 }
 
 /// Reports method settings that would be ignored: any next to a model file, which has its own settings, and those of
-/// another method.
+/// another method or prior.
 fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
     let model = &config.model;
     if model.file.is_some() {
@@ -66,12 +67,12 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
         }
         return;
     }
-    for (key, methods) in model.ignored() {
+    for Ignored { key, by, used_by } in model.ignored() {
         findings.add(
             &format!("model.{key}"),
             format!(
-                "{key} belongs to method = \"{}\"; delete it, or choose that method",
-                methods.join("\" or \"")
+                "{key} belongs to {by} = \"{}\"; delete it, or choose that {by}",
+                used_by.join("\" or \"")
             ),
         );
     }

@@ -125,6 +125,14 @@ fn each_bad_input_is_named_at_its_place() {
             "loss_only with the gaussian prior takes longer than a frame",
         ),
         (
+            more("[model]\nprior = \"tikhonov\"\nexponent = 0.3\n"),
+            "model.exponent: exponent belongs to prior = \"noser\"; delete it, or choose that prior",
+        ),
+        (
+            more("[model]\nlength_mm = 15.0\n"),
+            "model.length_mm: length_mm belongs to prior = \"gaussian\"",
+        ),
+        (
             more("[model]\nmap_error = 2.0\n"),
             "model.map_error: 2 is not above 0 and below 1",
         ),

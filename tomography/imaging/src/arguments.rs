@@ -7,7 +7,7 @@ use clap::Args;
 use survey::Bounds;
 
 use crate::settings::{
-    DriftRule, HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns,
+    DriftRule, HyperChoice, Ignored, Method, PriorName, ReconstructionSettings, Unknowns,
 };
 
 /// Exponent of the NOSER prior.
@@ -243,11 +243,14 @@ impl MethodArguments {
         };
         match settings.ignored().first() {
             None => Ok(()),
-            Some((key, methods)) => Err(format!(
-                "--{} belongs to --method {}; it does not apply to {}",
+            Some(Ignored { key, by, used_by }) => Err(format!(
+                "--{} belongs to --{by} {}; it does not apply to {}",
                 option(key),
-                methods.join(", "),
-                method.name()
+                used_by.join(", "),
+                match *by {
+                    "prior" => settings.prior.unwrap_or_default().name(),
+                    _ => method.name(),
+                }
             )),
         }
     }

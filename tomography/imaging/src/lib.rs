@@ -50,5 +50,7 @@ pub use model_file::{find_model, find_model_in, load, short_hash};
 pub use reconstruction::{
     build, calibrate, check_live, judging, read_calibration, unjudged, with_drift,
 };
-pub use settings::{DriftRule, HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
+pub use settings::{
+    DriftRule, HyperChoice, Ignored, Method, PriorName, ReconstructionSettings, Unknowns,
+};
 pub use tracking::{Tracked, TrackedFrame, Tracking};

@@ -57,6 +57,18 @@ pub enum PriorName {
     Gaussian,
 }
 
+impl PriorName {
+    /// Its name in a configuration and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tikhonov => "tikhonov",
+            Self::Noser => "noser",
+            Self::Laplace => "laplace",
+            Self::Gaussian => "gaussian",
+        }
+    }
+}
+
 /// How the hyper-parameter is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -89,6 +101,17 @@ pub enum Unknowns {
     Sheet,
     /// Those of the region; the sheet outside of it is taken to be as it was at the baseline
     Region,
+}
+
+/// A given key without effect.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ignored {
+    /// The key.
+    pub key: &'static str,
+    /// The key that decides whether it has one: `method` or `prior`.
+    pub by: &'static str,
+    /// The values of `by` with which it has one.
+    pub used_by: Vec<&'static str>,
 }
 
 /// What is done about the drift of the sheet since the baseline.
@@ -162,6 +185,12 @@ pub struct ReconstructionSettings {
     pub calibration: Option<PathBuf>,
 }
 
+/// The prior that each of its parameters belongs to.
+const OF_PRIOR: [(&str, PriorName); 2] = [
+    ("exponent", PriorName::Noser),
+    ("length_mm", PriorName::Gaussian),
+];
+
 /// The methods that use each setting.
 const USED_BY: [(&str, &[Method]); 11] = {
     use Method::{Best, Linear, OneStep, Rbf, Tv, TvPaper};
@@ -229,18 +258,18 @@ impl ReconstructionSettings {
 
     /// These settings, completed by those stored in a session. A prior, an exponent or a lambda selects the one-step
     /// method, whatever method the session used. The session's prior and hyper-parameter are used only with the
-    /// session's method.
+    /// session's method, its prior also only without another exponent, which belongs to NOSER.
     pub fn over(self, kept: Self) -> Self {
         let one_step = self.prior.is_some() || self.exponent.is_some() || self.lambda.is_some();
         let method = self.method.or(kept.method.filter(|_| !one_step));
         let strength =
             self.lambda.is_some() || self.noise_figure.is_some() || self.choose.is_some();
         let other = method.unwrap_or_default() != kept.method.unwrap_or_default();
-        let same_prior = self.prior.is_none() && !other;
+        let same_prior = self.prior.is_none() && self.exponent.is_none() && !other;
         Self {
             file: self.file,
             method,
-            prior: self.prior.or(kept.prior.filter(|_| !other)),
+            prior: self.prior.or(kept.prior.filter(|_| same_prior)),
             exponent: self.exponent.or(kept.exponent.filter(|_| same_prior)),
             length_mm: self.length_mm.or(kept.length_mm.filter(|_| same_prior)),
             noise_uv: self.noise_uv.or(kept.noise_uv),
@@ -288,15 +317,28 @@ impl ReconstructionSettings {
         .collect()
     }
 
-    /// The given keys that the method does not use, each with the names of the methods that do.
-    pub fn ignored(&self) -> Vec<(&'static str, Vec<&'static str>)> {
+    /// The given keys that the method does not use, and the parameters of other priors than the one in use.
+    pub fn ignored(&self) -> Vec<Ignored> {
         let method = self.method.unwrap_or_default();
+        let prior = self.prior.unwrap_or_default();
         let given = self.given();
-        USED_BY
+        let by_method = USED_BY
             .iter()
             .filter(|(key, _)| given.contains(key) && !is_used(key, method))
-            .map(|(key, methods)| (*key, methods.iter().map(|method| method.name()).collect()))
-            .collect()
+            .map(|(key, methods)| Ignored {
+                key,
+                by: "method",
+                used_by: methods.iter().map(|method| method.name()).collect(),
+            });
+        let by_prior = OF_PRIOR
+            .iter()
+            .filter(|(key, of)| given.contains(key) && is_used(key, method) && prior != *of)
+            .map(|(key, of)| Ignored {
+                key,
+                by: "prior",
+                used_by: vec![of.name()],
+            });
+        by_method.chain(by_prior).collect()
     }
 }
 
@@ -320,9 +362,59 @@ mod tests {
             ..ReconstructionSettings::default()
         };
         let ignored = settings.ignored();
-        assert_eq!(ignored[0].0, "noise_uv");
-        assert_eq!(ignored[1], ("gap", vec!["tv"]));
+        assert_eq!(ignored[0].key, "noise_uv");
+        assert_eq!((ignored[1].key, ignored[1].by), ("gap", "method"));
+        assert_eq!(ignored[1].used_by, ["tv"]);
         assert_eq!(ignored.len(), 2);
+    }
+
+    #[test]
+    fn parameters_of_another_prior_are_named_with_theirs() {
+        let ignored = |method, prior, [exponent, length_mm]: [Option<f64>; 2]| {
+            let settings = ReconstructionSettings {
+                method,
+                prior,
+                exponent,
+                length_mm,
+                ..ReconstructionSettings::default()
+            };
+            let ignored = settings.ignored().into_iter();
+            ignored
+                .map(|ignored| (ignored.key, ignored.by, ignored.used_by.join(" ")))
+                .collect::<Vec<_>>()
+        };
+        let exponent = [Some(0.3), None];
+        let length = [None, Some(15.0)];
+        let of_noser = [("exponent", "prior", "noser".to_owned())];
+        let of_gaussian = [("length_mm", "prior", "gaussian".to_owned())];
+        for other in [PriorName::Tikhonov, PriorName::Laplace, PriorName::Gaussian] {
+            assert_eq!(ignored(None, Some(other), exponent), of_noser);
+        }
+        for prior in [None, Some(PriorName::Noser)] {
+            assert_eq!(ignored(None, prior, exponent), []);
+            assert_eq!(ignored(Some(Method::Best), prior, length), of_gaussian);
+        }
+        assert_eq!(ignored(None, Some(PriorName::Gaussian), length), []);
+        // a method without a prior is the first thing to change
+        let tv = ignored(Some(Method::Tv), None, length);
+        let of_methods = ("length_mm", "method", "one-step best".to_owned());
+        assert_eq!(tv, [of_methods]);
+    }
+
+    #[test]
+    fn an_exponent_replaces_a_kept_prior_and_its_length() {
+        let kept = ReconstructionSettings {
+            prior: Some(PriorName::Gaussian),
+            length_mm: Some(15.0),
+            ..ReconstructionSettings::default()
+        };
+        let requested = ReconstructionSettings {
+            exponent: Some(0.3),
+            ..ReconstructionSettings::default()
+        };
+        let settings = requested.over(kept);
+        assert_eq!(settings.one_step_prior(), Prior::Noser { p: 0.3 });
+        assert_eq!(settings.ignored(), []);
     }
 
     #[test]
