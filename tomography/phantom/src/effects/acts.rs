@@ -7,6 +7,8 @@ use eit::Preset;
 use nalgebra::DMatrix;
 use survey::{Ohms, Relay, Volts};
 
+use super::bounds::Parameters;
+use super::{Effect, Effects, Needs, SheetResponse};
 use crate::scan::ReadingContext;
 
 /// Acts on the phantom's mesh, once, when the phantom is created.
@@ -99,13 +101,37 @@ pub(crate) trait OnReading: fmt::Debug + Send {
     /// The voltage after this effect.
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts;
 
-    /// Whether it needs [`ReadingContext::source_resistance`].
-    fn needs_source_resistance(&self) -> bool {
-        false
+    /// The values of the context that it uses and that are computed only on demand.
+    fn needs(&self) -> Needs {
+        Needs::NONE
+    }
+}
+
+/// An effect that adds a voltage to each reading and has no state.
+pub(crate) trait Added: Parameters + Clone + fmt::Debug + Send + 'static {
+    /// As [`OnReading::needs`].
+    const NEEDS: Needs;
+
+    /// The voltage, V.
+    fn added(&self, context: &ReadingContext) -> f64;
+}
+
+impl<T: Added> OnReading for T {
+    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
+        Volts(volts.0 + self.added(context))
     }
 
-    /// Whether it needs [`ReadingContext::load_resistance`].
-    fn needs_load_resistance(&self) -> bool {
-        false
+    fn needs(&self) -> Needs {
+        T::NEEDS
+    }
+}
+
+impl<T: Added> Effect for T {
+    fn predict(&self, response: &dyn SheetResponse) -> f64 {
+        response.rms(&|sight| self.added(&sight.context))
+    }
+
+    fn add(&self, _seed: u64, effects: &mut Effects) {
+        effects.readings.push(Box::new(self.clone()));
     }
 }

@@ -3,10 +3,8 @@
 //! 1 to 50 pC into 10 to 100 pF and a kilohm: gone in less than a microsecond (fact sheet, section 2.2). Leave it out
 //! with a delay of 100 us or more.
 
-use survey::Volts;
-
 use super::bounds::parameters;
-use super::{Effect, Effects, OnReading, SheetResponse};
+use super::{Added, Needs};
 use crate::scan::ReadingContext;
 
 parameters! {
@@ -19,34 +17,15 @@ parameters! {
     }
 }
 
-impl ChargeInjectionSettings {
-    /// Remaining error in a reading, V.
-    fn left(&self, context: &ReadingContext) -> f64 {
+impl Added for ChargeInjectionSettings {
+    const NEEDS: Needs = Needs::SOURCE_RESISTANCE;
+
+    fn added(&self, context: &ReadingContext) -> f64 {
         let farad = self.pf * 1e-12;
         let tau = context.source_resistance.0 * farad;
         if !(tau > 0.0 && tau.is_finite()) {
             return 0.0;
         }
         self.pc * 1e-12 / farad * context.mean_left_after(tau)
-    }
-}
-
-impl Effect for ChargeInjectionSettings {
-    fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        response.rms(&|sight| self.left(&sight.context))
-    }
-
-    fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(self.clone()));
-    }
-}
-
-impl OnReading for ChargeInjectionSettings {
-    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.left(context))
-    }
-
-    fn needs_source_resistance(&self) -> bool {
-        true
     }
 }

@@ -3,10 +3,8 @@
 //! 140 dB at direct voltage with a kilohm of imbalance (fact sheet, section 2.1): 1e-7 of the common-mode voltage.
 //! Negligible unless the guard is faulty.
 
-use survey::Volts;
-
 use super::bounds::parameters;
-use super::{Effect, Effects, OnReading, SheetResponse};
+use super::{Added, Needs};
 use crate::scan::ReadingContext;
 
 parameters! {
@@ -20,25 +18,11 @@ parameters! {
     }
 }
 
-impl CommonModeSettings {
-    fn volts(&self, context: &ReadingContext) -> f64 {
+impl Added for CommonModeSettings {
+    const NEEDS: Needs = Needs::NONE;
+
+    fn added(&self, context: &ReadingContext) -> f64 {
         let common = context.flowing.0 * self.kohm * 1e3;
         common * 10_f64.powf(-self.db / 20.0)
-    }
-}
-
-impl Effect for CommonModeSettings {
-    fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        response.rms(&|sight| self.volts(&sight.context))
-    }
-
-    fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(self.clone()));
-    }
-}
-
-impl OnReading for CommonModeSettings {
-    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.volts(context))
     }
 }

@@ -4,10 +4,8 @@
 //! over the integration: with 10 to 100 pF and kilohms it decays within a microsecond (fact sheet, section 2.2). Leave
 //! it out with a delay of 100 us or more. `charge-injection` covers the charge of a relay's own drive.
 
-use survey::Volts;
-
 use super::bounds::parameters;
-use super::{Effect, Effects, OnReading, SheetResponse};
+use super::{Added, Needs};
 use crate::scan::ReadingContext;
 
 parameters! {
@@ -20,9 +18,13 @@ parameters! {
     }
 }
 
-impl CrosstalkSettings {
-    /// Remainder of the step in a reading, V.
-    fn left(&self, context: &ReadingContext) -> f64 {
+impl Added for CrosstalkSettings {
+    const NEEDS: Needs = Needs {
+        source_resistance: true,
+        load_resistance: true,
+    };
+
+    fn added(&self, context: &ReadingContext) -> f64 {
         let (between, wire) = (self.between_pf * 1e-12, self.wire_pf * 1e-12);
         let step = context.flowing.0 * context.load_resistance.0;
         let tau = context.source_resistance.0 * (between + wire);
@@ -30,30 +32,6 @@ impl CrosstalkSettings {
             return 0.0;
         }
         between / (between + wire) * step * context.mean_left_after(tau)
-    }
-}
-
-impl Effect for CrosstalkSettings {
-    fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        response.rms(&|sight| self.left(&sight.context))
-    }
-
-    fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(self.clone()));
-    }
-}
-
-impl OnReading for CrosstalkSettings {
-    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.left(context))
-    }
-
-    fn needs_source_resistance(&self) -> bool {
-        true
-    }
-
-    fn needs_load_resistance(&self) -> bool {
-        true
     }
 }
 
@@ -66,15 +44,15 @@ mod tests {
 
     #[test]
     fn the_step_comes_divided_and_is_gone_within_its_time() {
-        let mut crosstalk = CrosstalkSettings::default();
-        let mut seen = |settled_ns: u64| {
+        let crosstalk = CrosstalkSettings::default();
+        let seen = |settled_ns: u64| {
             let context = context(1.0, 1e-9);
             let since_change = context.integration + Duration::from_nanos(settled_ns);
             let context = ReadingContext {
                 since_change,
                 ..context
             };
-            crosstalk.bend(Volts(0.0), &context).0
+            crosstalk.added(&context)
         };
         // 1 mA through 1 kohm is 1 V, a sixth of which is coupled; the time constant is 1 kohm x 120 pF = 120 ns
         assert!((seen(0) - 1.0 / 6.0).abs() < 1e-4);

@@ -6,7 +6,7 @@
 use survey::Volts;
 
 use super::bounds::parameters;
-use super::{Effect, Effects, OnReading, SheetResponse};
+use super::{Effect, Effects, Needs, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
 parameters! {
@@ -39,7 +39,7 @@ impl OnReading for InputResistanceSettings {
         Volts(volts.0 * input / (input + context.source_resistance.0))
     }
 
-    fn needs_source_resistance(&self) -> bool {
-        true
+    fn needs(&self) -> Needs {
+        Needs::SOURCE_RESISTANCE
     }
 }

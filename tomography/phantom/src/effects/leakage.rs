@@ -3,10 +3,8 @@
 //! 20 nA below 30 degC, doubling with each 10 degC (fact sheet, section 2.2): 20 uV on a kilohm. Does not reverse with
 //! the current, so current reversal removes it. Leave it out with mechanical relays.
 
-use survey::Volts;
-
 use super::bounds::parameters;
-use super::{Effect, Effects, OnReading, SheetResponse};
+use super::{Added, Needs};
 use crate::scan::ReadingContext;
 
 parameters! {
@@ -19,28 +17,11 @@ parameters! {
     }
 }
 
-impl LeakageSettings {
-    fn amps(&self) -> f64 {
-        self.na * 1e-9 * 2_f64.powf((self.celsius - 30.0).max(0.0) / 10.0)
-    }
-}
+impl Added for LeakageSettings {
+    const NEEDS: Needs = Needs::SOURCE_RESISTANCE;
 
-impl Effect for LeakageSettings {
-    fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        response.rms(&|sight| self.amps() * sight.context.source_resistance.0)
-    }
-
-    fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(self.clone()));
-    }
-}
-
-impl OnReading for LeakageSettings {
-    fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.amps() * context.source_resistance.0)
-    }
-
-    fn needs_source_resistance(&self) -> bool {
-        true
+    fn added(&self, context: &ReadingContext) -> f64 {
+        let amps = self.na * 1e-9 * 2_f64.powf((self.celsius - 30.0).max(0.0) / 10.0);
+        amps * context.source_resistance.0
     }
 }

@@ -67,7 +67,9 @@ use sha2::{Digest, Sha256};
 use survey::Volts;
 
 pub use acts::RelayContact;
-pub(crate) use acts::{OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places};
+pub(crate) use acts::{
+    Added, OnContacts, OnLoss, OnMesh, OnNetwork, OnReading, OnSheet, OnWires, Places,
+};
 pub use bounds::Fault as ParameterFault;
 use bounds::Parameters;
 pub use creep::PronyStep;
@@ -84,6 +86,21 @@ pub struct Needs {
     pub source_resistance: bool,
     /// [`ReadingContext::load_resistance`].
     pub load_resistance: bool,
+}
+
+impl Needs {
+    const NONE: Self = Self {
+        source_resistance: false,
+        load_resistance: false,
+    };
+    const SOURCE_RESISTANCE: Self = Self {
+        source_resistance: true,
+        ..Self::NONE
+    };
+    const LOAD_RESISTANCE: Self = Self {
+        load_resistance: true,
+        ..Self::NONE
+    };
 }
 
 /// An effect as named by a scene: its parameters, their ranges, its prediction and its action.
@@ -353,11 +370,10 @@ impl Effects {
     }
 
     pub(crate) fn needs(&self) -> Needs {
-        let any =
-            |asks: fn(&dyn OnReading) -> bool| self.readings.iter().any(|effect| asks(&**effect));
+        let any = |asks: fn(Needs) -> bool| self.readings.iter().any(|effect| asks(effect.needs()));
         Needs {
-            source_resistance: any(|effect| effect.needs_source_resistance()),
-            load_resistance: any(|effect| effect.needs_load_resistance()),
+            source_resistance: any(|needs| needs.source_resistance),
+            load_resistance: any(|needs| needs.load_resistance),
         }
     }
 

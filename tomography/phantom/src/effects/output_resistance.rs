@@ -6,7 +6,7 @@
 use survey::Volts;
 
 use super::bounds::parameters;
-use super::{Effect, Effects, OnReading, SheetResponse};
+use super::{Effect, Effects, Needs, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
 parameters! {
@@ -36,7 +36,7 @@ impl OnReading for OutputResistanceSettings {
         Volts(volts.0 / (1.0 + load / (self.mohm * 1e6)))
     }
 
-    fn needs_load_resistance(&self) -> bool {
-        true
+    fn needs(&self) -> Needs {
+        Needs::LOAD_RESISTANCE
     }
 }

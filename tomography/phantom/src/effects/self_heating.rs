@@ -10,7 +10,7 @@ use std::time::Duration;
 use survey::Volts;
 
 use super::bounds::parameters;
-use super::{Effect, Effects, OnReading, SheetResponse};
+use super::{Effect, Effects, Needs, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
 parameters! {
@@ -75,8 +75,8 @@ impl OnReading for SelfHeating {
         Volts(volts.0 / left)
     }
 
-    fn needs_load_resistance(&self) -> bool {
-        true
+    fn needs(&self) -> Needs {
+        Needs::LOAD_RESISTANCE
     }
 }
 
