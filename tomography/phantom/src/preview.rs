@@ -174,7 +174,7 @@ impl Preview {
     }
 
     /// The middle times of at most `most` frames, spread from the first to the last.
-    fn moments(&self, most: usize) -> impl Iterator<Item = Duration> {
+    fn moments(&self, most: usize) -> impl ExactSizeIterator<Item = Duration> {
         let frames = self.scan.frames.max(1);
         let half = self.scan.frame_time() / 2;
         let count = frames.min(most);
@@ -201,28 +201,17 @@ impl Preview {
 
     /// Rms difference of the readings between two networks (ohm), V.
     fn apart(&self, one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
-        let measurements = self.scan.protocol.measurements().iter();
         let differ = one - other;
-        let sum: f64 = measurements
-            .map(|measurement| {
-                (self.scan.current.0 * across(&differ, measurement.sense, measurement.drive))
-                    .powi(2)
-            })
-            .sum();
-        (sum / self.sights.len() as f64).sqrt()
+        root_mean_square(self.scan.protocol.measurements().iter().map(|measurement| {
+            self.scan.current.0 * across(&differ, measurement.sense, measurement.drive)
+        }))
     }
 
     fn changed_by(&self, z: &DMatrix<f64>) -> f64 {
         let measurements = self.scan.protocol.measurements().iter();
-        let sum: f64 = measurements
-            .zip(&self.sights)
-            .map(|(measurement, sight)| {
-                (self.scan.current.0 * across(z, measurement.sense, measurement.drive)
-                    - sight.exact)
-                    .powi(2)
-            })
-            .sum();
-        (sum / self.sights.len() as f64).sqrt()
+        root_mean_square(measurements.zip(&self.sights).map(|(measurement, sight)| {
+            self.scan.current.0 * across(z, measurement.sense, measurement.drive) - sight.exact
+        }))
     }
 }
 
@@ -232,25 +221,16 @@ impl SheetResponse for Preview {
     }
 
     fn rms(&self, of: &dyn Fn(&UnloadedReading) -> f64) -> f64 {
-        let sum: f64 = self.sights.iter().map(|sight| of(sight).powi(2)).sum();
-        (sum / self.sights.len() as f64).sqrt()
+        root_mean_square(self.sights.iter().map(of))
     }
 
     fn over_time(&self, of: &dyn Fn(f64) -> f64) -> f64 {
-        let (sum, count) = self
-            .moments(MOMENTS)
-            .map(|at| of(at.as_secs_f64()).powi(2))
-            .fold((0.0, 0_u32), |(sum, count), square| {
-                (sum + square, count + 1)
-            });
-        (sum / f64::from(count)).sqrt()
+        root_mean_square(self.moments(MOMENTS).map(|at| of(at.as_secs_f64())))
     }
 
     fn uniform(&self) -> f64 {
-        let sum: f64 = (self.sights.iter().zip(self.contacts.row_iter()))
-            .map(|(sight, contacts)| (contacts.sum() - sight.exact).powi(2))
-            .sum();
-        (sum / self.sights.len() as f64).sqrt()
+        let rows = self.sights.iter().zip(self.contacts.row_iter());
+        root_mean_square(rows.map(|(sight, contacts)| contacts.sum() - sight.exact))
     }
 
     fn contacts(&self) -> f64 {
@@ -291,27 +271,24 @@ impl SheetResponse for Preview {
         if self.pressed.loads.is_empty() {
             return 0.0;
         }
-        let both = [true, false].map(|on| {
-            let mut effects = self.laws();
-            set(&mut effects, on);
-            Phantom::new(Scene {
-                effects,
-                ..self.pressed.clone()
-            })
-        });
-        let [Ok(mut with), Ok(mut without)] = both else {
-            return f64::INFINITY;
-        };
-        let mut squares = Vec::new();
-        for at in self.moments(PRESSED) {
-            let (Ok(one), Ok(other)) =
-                (with.transfer_impedance(at), without.transfer_impedance(at))
-            else {
-                return f64::INFINITY;
+        let apart = || {
+            let solved = |on| {
+                let mut effects = self.laws();
+                set(&mut effects, on);
+                Phantom::new(Scene {
+                    effects,
+                    ..self.pressed.clone()
+                })
             };
-            squares.push(self.apart(one, other).powi(2));
-        }
-        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+            let (mut with, mut without) = (solved(true)?, solved(false)?);
+            self.moments(PRESSED)
+                .map(|at| {
+                    let one = with.transfer_impedance(at)?;
+                    Ok(self.apart(one, without.transfer_impedance(at)?))
+                })
+                .collect::<Result<Vec<f64>, PhantomError>>()
+        };
+        apart().map_or(f64::INFINITY, |apart| root_mean_square(apart.into_iter()))
     }
 
     fn misplaced(&self, set: &dyn Fn(&mut EffectSettings)) -> f64 {
@@ -319,24 +296,26 @@ impl SheetResponse for Preview {
             loads: Vec::new(),
             ..self.pressed.clone()
         };
-        let drawn = Phantom::new(scene.clone());
-        set(&mut scene.effects);
-        match (Phantom::new(scene), drawn) {
-            (Ok(mut one), Ok(mut other)) => {
-                let at = Duration::ZERO;
-                match (one.transfer_impedance(at), other.transfer_impedance(at)) {
-                    (Ok(one), Ok(other)) => self.apart(one, other),
-                    _ => f64::INFINITY,
-                }
-            }
-            _ => f64::INFINITY,
-        }
+        let apart = || {
+            let mut drawn = Phantom::new(scene.clone())?;
+            set(&mut scene.effects);
+            let mut displaced = Phantom::new(scene)?;
+            let at = Duration::ZERO;
+            let one = displaced.transfer_impedance(at)?;
+            Ok::<f64, PhantomError>(self.apart(one, drawn.transfer_impedance(at)?))
+        };
+        apart().unwrap_or(f64::INFINITY)
     }
 
     fn input_ohm(&self) -> f64 {
         let named = self.effects.input_resistance.as_ref();
         named.map_or(f64::INFINITY, |input| input.mohm * 1e6)
     }
+}
+
+fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    (values.map(|value| value.powi(2)).sum::<f64>() / count).sqrt()
 }
 
 /// The sheet with a mesh of at most [`FINENESS`], which is sufficient to first order.
