@@ -1,6 +1,8 @@
 //! The same sheet measured by a scan of pairs and through a matrix: the same voltages.
 
-use phantom::Scene;
+use std::time::Duration;
+
+use phantom::{Scene, TimedLoad, paper};
 
 use crate::test_rig::runtime;
 use crate::transport::frame_as_text::{drivers, frame, plan, simulated, volts};
@@ -8,19 +10,11 @@ use crate::transport::frame_as_text::{drivers, frame, plan, simulated, volts};
 #[test]
 fn scan_and_matrix_measure_the_same_voltages() {
     runtime().block_on(async {
-        let mut scene = Scene::quiet();
-        scene.loads = Scene::paper_test1(5)
-            .expect("there are sixteen places")
-            .loads;
-        let at_once = |scene: &Scene| {
-            let mut scene = scene.clone();
-            for load in &mut scene.loads {
-                load.from = std::time::Duration::ZERO;
-                load.to = None;
-            }
-            scene
+        let press = paper::s1(paper::test1_positions()[5]);
+        let scene = Scene {
+            loads: vec![TimedLoad::still(press, Duration::ZERO, None)],
+            ..Scene::quiet()
         };
-        let scene = at_once(&scene);
         let pairs = simulated("pairs-34924a", scene.clone());
         let scanned = frame(
             &drivers(&pairs).await,

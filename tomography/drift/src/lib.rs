@@ -5,8 +5,7 @@
 //! them over time if earlier frames are available. Its input is readings only; it uses no files, clock, instruments or
 //! phantom.
 //!
-//! - **pairs**: a frame as 299 means of reciprocal readings, relative to a baseline, and 299 differences that neither
-//!   loads nor drift change
+//! - **pairs**: a frame as 299 means of reciprocal readings, relative to a baseline
 //! - **sheet**: gain, contacts and an uneven conductance fitted once to the first baseline
 //! - **model**: sensitivity of that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
 //! - **evidence**: the sizes of these changes that make one frame most probable, and the drift in that frame, for

@@ -28,8 +28,6 @@ pub struct Pairs {
 pub struct Relative {
     /// Change of the mean of each pair, scaled to the model's readings, V. Zero if a reading is missing.
     pub data: DVector<f64>,
-    /// Half the difference of the changes of the two readings, V.
-    pub difference: DVector<f64>,
     /// Pairs with both readings, ascending.
     pub rows: Vec<usize>,
 }
@@ -84,16 +82,8 @@ impl Pairs {
 
     /// The mean of each pair of values, one for each reading.
     pub fn mean(&self, values: &[f64]) -> DVector<f64> {
-        self.each(|[a, b]| 0.5 * (values[a] + values[b]))
-    }
-
-    /// Half the difference of each pair of values.
-    pub fn difference(&self, values: &[f64]) -> DVector<f64> {
-        self.each(|[a, b]| 0.5 * (values[a] - values[b]))
-    }
-
-    fn each(&self, of: impl Fn([usize; 2]) -> f64) -> DVector<f64> {
-        DVector::from_iterator(self.len(), self.readings.iter().map(|&pair| of(pair)))
+        let mean = |&[a, b]: &[usize; 2]| 0.5 * (values[a] + values[b]);
+        DVector::from_iterator(self.len(), self.readings.iter().map(mean))
     }
 
     /// The scale factor of each reading: model over baseline, or 1 if that ratio is not plausible. `model` has a value
@@ -135,13 +125,13 @@ impl Pairs {
             })
             .collect();
         let known: Vec<f64> = change.iter().map(|change| change.unwrap_or(0.0)).collect();
-        let (mut data, mut difference) = (self.mean(&known), self.difference(&known));
+        let mut data = self.mean(&known);
         let mut rows = Vec::new();
         for (row, pair) in self.readings.iter().enumerate() {
             if pair.iter().all(|&reading| change[reading].is_some()) {
                 rows.push(row);
             } else {
-                (data[row], difference[row]) = (0.0, 0.0);
+                data[row] = 0.0;
             }
         }
         if 2 * rows.len() < self.len() {
@@ -150,11 +140,7 @@ impl Pairs {
                 wants: self.len(),
             });
         }
-        Ok(Relative {
-            data,
-            difference,
-            rows,
-        })
+        Ok(Relative { data, rows })
     }
 }
 
@@ -194,7 +180,6 @@ mod tests {
         let values: Vec<f64> = (0..598).map(f64::from).collect();
         let [a, b] = pairs.readings(100);
         assert_eq!(pairs.mean(&values)[100], 0.5 * (a + b) as f64);
-        assert_eq!(pairs.difference(&values)[100], 0.5 * (a as f64 - b as f64));
     }
 
     #[test]

@@ -15,7 +15,6 @@ use toml::Spanned;
 
 use crate::effects::{EffectSettings, Effects};
 use crate::law::Pressure;
-use crate::paper;
 use crate::press::TimedLoad;
 use crate::repeat::Repeat;
 use load_text::LoadText;
@@ -223,17 +222,6 @@ impl Scene {
             faults: Vec::new(),
             contacts: Vec::new(),
         }
-    }
-
-    /// The paper's Test #1 with S1 at one of its 16 positions (see [`paper::test1_positions`]) from the start; `None`
-    /// for a larger index.
-    pub fn paper_test1(position: usize) -> Option<Self> {
-        let centre = *paper::test1_positions().get(position)?;
-        Some(Self {
-            name: format!("paper test 1, position {}", position + 1),
-            loads: vec![TimedLoad::still(paper::s1(centre), Duration::ZERO, None)],
-            ..Self::quiet()
-        })
     }
 }
 

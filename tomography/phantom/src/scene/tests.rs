@@ -1,4 +1,5 @@
 use super::*;
+use crate::paper;
 
 fn refuse(text: &str) -> String {
     Scene::parse("scene.toml", text).unwrap_err().to_string()

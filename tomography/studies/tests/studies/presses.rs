@@ -8,7 +8,7 @@ use std::time::Duration;
 use eit::{
     Mesh, OneStep, OneStepOptions, PaperSheet, Preset, Prior, Reconstructor, load_reconstructor,
 };
-use phantom::{Phantom, Scene};
+use phantom::{Phantom, Scene, TimedLoad, paper};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -49,11 +49,14 @@ impl Test1 {
         };
         Self {
             baselines: noisy(999, Scene::quiet()),
-            presses: phantom::paper::test1_positions()
+            presses: paper::test1_positions()
                 .iter()
                 .enumerate()
                 .map(|(position, at)| {
-                    let scene = Scene::paper_test1(position).unwrap();
+                    let scene = Scene {
+                        loads: vec![TimedLoad::still(paper::s1(*at), Duration::ZERO, None)],
+                        ..Scene::quiet()
+                    };
                     ([at[0] * 1e-3, at[1] * 1e-3], noisy(position, scene))
                 })
                 .collect(),
