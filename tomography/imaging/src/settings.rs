@@ -131,57 +131,40 @@ pub enum DriftRule {
 #[serde(default, deny_unknown_fields)]
 pub struct ReconstructionSettings {
     /// A trained model (safetensors or ONNX) in place of a method.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// Default: the one-step method.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
     /// Prior of the one-step method; default NOSER with exponent 0.25.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorName>,
     /// Exponent of the NOSER prior; default 0.5 if the prior is named, otherwise 0.25.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub exponent: Option<f64>,
     /// Correlation length of the Gaussian prior, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub length_mm: Option<f64>,
     /// Standard deviation of the noise of one reading, uV, in place of the baseline's. It is the lower limit of a
     /// frame's errors and the noise that the quality check of maps expects.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_uv: Option<f64>,
     /// Hyper-parameter: lambda of the one-step method, alpha of total variation.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub lambda: Option<f64>,
     /// Noise figure for which lambda of the one-step method is chosen.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_figure: Option<f64>,
     /// How the hyper-parameter is chosen; default: by evidence, or by the noise if `map_error` is given.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub choose: Option<HyperChoice>,
     /// Faster one-step maps: largest error allowed, as a share of a map's largest value; default exact.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub map_error: Option<f64>,
     /// Bounds the relative change to [-1, 0]; default false.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub loss_only: Option<bool>,
     /// Total variation stops within this share of the minimum; default 1e-3.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub gap: Option<f64>,
     /// Which conductances are solved for; default the whole sheet.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub unknowns: Option<Unknowns>,
     /// A running rig makes a map of every n-th frame; default 1, all frames.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub map_every: Option<u64>,
     /// Tracks the baseline through the frames, so that maps remain valid while the sheet drifts; default: on for the
     /// preset sheet on a rig, otherwise off.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<bool>,
     /// Treatment of drift if the baseline is not tracked; default off.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<DriftRule>,
     /// File of the calibration from maps to pressure.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
 }
 

@@ -21,13 +21,10 @@ pub struct DepthSettings {
     /// Height of an electrode's contact, mm.
     pub electrode_height_mm: f64,
     /// Height of the electrodes' centres above the bottom, mm; default half of the depth.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub electrode_centre_mm: Option<f64>,
     /// Height of the targets, a layer about the electrodes' centres, mm; default the depth.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub target_height_mm: Option<f64>,
     /// Number of cosine modes over the depth; default [`Depth::MODES`].
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub modes: Option<usize>,
 }
 

@@ -36,19 +36,16 @@ const PAPER_SHEET: &str = "preset paper-sheet";
 #[serde(default, deny_unknown_fields)]
 pub struct GeometrySettings {
     /// Default: the paper's sheet.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub preset: Option<PresetName>,
     /// A case folder with a mesh.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub case: Option<PathBuf>,
     /// Dimensions of the paper's sheet.
-    #[serde(rename = "paper-sheet", skip_serializing_if = "Option::is_none")]
+    #[serde(rename = "paper-sheet")]
     pub paper_sheet: Option<PaperSheet>,
     /// Dimensions of the disc tank.
-    #[serde(rename = "disc-tank", skip_serializing_if = "Option::is_none")]
+    #[serde(rename = "disc-tank")]
     pub disc_tank: Option<DiscTank>,
     /// Depth of a tank; default: that of the case folder, otherwise a sheet.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthSettings>,
 }
 

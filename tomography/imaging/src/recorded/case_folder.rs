@@ -26,16 +26,12 @@ pub struct Provenance {
     /// Name and version of the program that recorded the session.
     pub build: String,
     /// Id of the session's baseline.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
     /// Number of frames averaged for the baseline.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline_frames: Option<usize>,
     /// Standard deviation of one reading over the frames of the baseline, V.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_v: Option<f64>,
     /// SHA-256 of the mesh of the session's maps.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry_hash: Option<String>,
     /// SHA-256 of the session's configuration.
     pub config_hash: String,

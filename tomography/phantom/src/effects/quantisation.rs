@@ -15,7 +15,6 @@ use crate::scan::ReadingContext;
 #[serde(deny_unknown_fields)]
 pub struct QuantisationSettings {
     /// Fixed step, uV; by default derived from range and NPLC.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step_uv: Option<f64>,
 }
 

@@ -17,7 +17,6 @@ use crate::scan::ReadingContext;
 #[serde(deny_unknown_fields)]
 pub struct VoltmeterNoiseSettings {
     /// Fixed rms of one reading, uV; by default derived from range and NPLC.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uv: Option<f64>,
 }
 
