@@ -5,7 +5,8 @@ use serde_json::{Map, Value};
 
 const KEY: &str = "f64";
 
-pub(crate) fn encode(value: Value) -> Value {
+/// The value with each number with a fraction as an object, which [`decode`] reads back bit for bit.
+pub fn encode(value: Value) -> Value {
     match value {
         Value::Number(number) if number.is_f64() => {
             let mut exact = Map::new();
@@ -21,7 +22,8 @@ pub(crate) fn encode(value: Value) -> Value {
     }
 }
 
-pub(crate) fn decode(value: Value) -> Value {
+/// The value that [`encode`] was given.
+pub fn decode(value: Value) -> Value {
     match value {
         Value::Object(values) => match values.get(KEY) {
             Some(Value::String(text)) if values.len() == 1 => {

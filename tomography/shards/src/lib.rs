@@ -14,7 +14,7 @@ mod stop;
 mod study;
 
 pub use error::{ShardError, difference};
-pub use exact::any_f64;
+pub use exact::{any_f64, decode, encode};
 pub use part::{PartFile, wait_for};
 pub use shard::{Shard, missing_list, parse_count};
 pub use stop::StopRequest;

@@ -77,7 +77,7 @@ pub(super) fn write(
         path: path.display().to_string(),
         cause,
     };
-    let text = serde_json::to_string(course).map_err(|fault| failed(io::Error::other(fault)))?;
+    let text = text(course).map_err(|fault| failed(io::Error::other(fault)))?;
     let mut parts: Vec<(String, Vec<u8>)> = Vec::new();
     for (index, part) in descent.trained().enumerate() {
         for (name, values) in [
@@ -144,8 +144,7 @@ pub(super) fn read(
         .as_ref()
         .and_then(|entries| entries.get(KEY))
         .ok_or_else(|| damaged("it is not a checkpoint".to_owned()))?;
-    let course: TrainingState =
-        serde_json::from_str(text).map_err(|fault| damaged(fault.to_string()))?;
+    let course = state(text).map_err(|fault| damaged(fault.to_string()))?;
     if course.fingerprint != fingerprint {
         return Err(CheckpointFault::Other { path: place() });
     }
@@ -175,9 +174,40 @@ pub(super) fn read(
     Ok(Some(course))
 }
 
+/// The losses are read back bit for bit: they decide which epoch is the best, and are in the report of the model file.
+fn text(course: &TrainingState) -> serde_json::Result<String> {
+    Ok(shards::encode(serde_json::to_value(course)?).to_string())
+}
+
+fn state(text: &str) -> serde_json::Result<TrainingState> {
+    serde_json::from_value(shards::decode(serde_json::from_str(text)?))
+}
+
 fn bytes(values: &[f32]) -> Vec<u8> {
     values
         .iter()
         .flat_map(|value| value.to_le_bytes())
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn losses_are_read_back_to_the_bit() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        for epoch in 1..=10_000 {
+            let course = TrainingState {
+                fingerprint: "of the settings".to_owned(),
+                epochs: epoch,
+                steps: 7,
+                best: Some((epoch, random.random(), random.random())),
+            };
+            assert_eq!(state(&text(&course).unwrap()).unwrap(), course);
+        }
+    }
 }
