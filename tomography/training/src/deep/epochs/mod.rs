@@ -99,7 +99,7 @@ pub enum DeepFault {
         "the loss is {loss} at step {step} of epoch {epoch}: the training diverged; give a smaller learning_rate"
     )]
     RanAway {
-        /// Loss of the batch.
+        /// Loss of the batch, or of the held-out cases after the last step.
         loss: f64,
         /// Step of the epoch.
         step: usize,
@@ -197,6 +197,13 @@ pub fn train(
         }
         let training = sum / batches as f64;
         let held_out = held_out_loss(&mut descent, &feed, settings, &statistics)?;
+        if !held_out.is_finite() {
+            return Err(DeepFault::RanAway {
+                loss: held_out,
+                step: batches,
+                epoch,
+            });
+        }
         let better = course.best.is_none_or(|(_, _, least)| held_out < least);
         if better {
             course.best = Some((epoch, training, held_out));

@@ -7,7 +7,8 @@ use crate::samples::Sample;
 struct Toy {
     baseline: Vec<f64>,
     cases: usize,
-    poisoned: Option<usize>,
+    /// A case, and its third reading.
+    poisoned: Option<(usize, f32)>,
 }
 
 impl Toy {
@@ -48,8 +49,10 @@ impl Samples for Toy {
                 .collect(),
             target: (0..4).map(|t| (t as u32, -loss(t))).collect(),
         };
-        if self.poisoned == Some(case) {
-            sample.input[2] = f32::NAN;
+        if let Some((poisoned, reading)) = self.poisoned
+            && poisoned == case
+        {
+            sample.input[2] = reading;
         }
         sample.check("the toy", case)?;
         Ok(sample)
@@ -192,13 +195,33 @@ fn a_checkpoint_that_cannot_be_written_leaves_the_last_one() {
 #[test]
 fn a_sample_that_is_no_number_is_refused_by_name() {
     let toy = Toy {
-        poisoned: Some(77),
+        poisoned: Some((77, f32::NAN)),
         ..Toy::new(140)
     };
     let noise = noise(&toy);
     let fault = train(&recipe(&toy, &noise, 1), &|_| {}).unwrap_err();
     let message = std::error::Error::source(&fault).unwrap().to_string();
     assert!(message.contains("reading 2 of case 77"), "{message}");
+}
+
+#[test]
+fn an_infinite_loss_of_held_out_cases_ends_the_training() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("toy.checkpoint");
+    let toy = Toy {
+        poisoned: Some((139, f32::MAX)),
+        ..Toy::new(140)
+    };
+    let noise = noise(&toy);
+    let mut recipe = recipe(&toy, &noise, 2);
+    recipe.checkpoint = Some((&path, "toy".to_owned()));
+    let fault = train(&recipe, &|_| {}).unwrap_err();
+    assert!(
+        matches!(fault, DeepFault::RanAway { epoch: 1, .. }),
+        "{fault}"
+    );
+    // the checkpoint would be unreadable, because JSON has no such number
+    assert!(!path.exists());
 }
 
 #[test]
