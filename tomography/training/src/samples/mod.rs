@@ -12,7 +12,7 @@ mod random;
 mod set;
 mod simulation;
 
-use eit::{Jitter, TrainingSettings};
+use eit::TrainingSettings;
 
 pub use error::{SampleError, TrainError};
 pub use noise::Noise;
@@ -129,29 +129,22 @@ pub(crate) fn check(settings: &TrainingSettings) -> Result<(), TrainError> {
             "no more than there are samples",
         );
     }
-    let noise = match &settings.jitter {
-        Jitter::Paper { gamma } => vec![("gamma", *gamma)],
-        Jitter::Matched { noise_v, current_a }
-        | Jitter::Drift {
-            noise_v, current_a, ..
-        } => {
-            vec![("noise_v", *noise_v), ("current_a", *current_a)]
-        }
-        Jitter::Levels { noise_v, current_a } => noise_v
-            .iter()
-            .map(|level| ("noise_v", *level))
-            .chain([("current_a", *current_a)])
-            .collect(),
-        Jitter::Measured { current_a, .. } => vec![("current_a", *current_a)],
-    };
-    let sizes = [
+    noise::check(&settings.jitter)?;
+    positive([
         ("radius_m", settings.radius_m),
         ("spread_times", settings.spread_times),
-    ];
-    for (setting, value) in noise.into_iter().chain(sizes) {
-        if !(value > 0.0 && value.is_finite()) {
-            return refuse(setting, value, "a positive number");
-        }
+    ])
+}
+
+/// Refuses the first setting that is not a positive number.
+fn positive(settings: impl IntoIterator<Item = (&'static str, f64)>) -> Result<(), TrainError> {
+    let mut settings = settings.into_iter();
+    match settings.find(|(_, value)| !(*value > 0.0 && value.is_finite())) {
+        None => Ok(()),
+        Some((setting, value)) => Err(TrainError::Setting {
+            setting,
+            value,
+            must: "a positive number",
+        }),
     }
-    Ok(())
 }

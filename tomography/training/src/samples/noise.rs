@@ -3,7 +3,7 @@
 use eit::{Jitter, SpreadChoice};
 use rand_distr::{Distribution, Normal, StandardNormal};
 
-use super::{Purpose, TrainError, stream};
+use super::{Purpose, TrainError, positive, stream};
 
 /// Jitter in the units of a normalised input.
 #[derive(Debug, Clone)]
@@ -23,17 +23,35 @@ enum Kind {
     },
 }
 
+/// Refuses sizes of jitter that are not positive numbers.
+pub(super) fn check(jitter: &Jitter) -> Result<(), TrainError> {
+    match jitter {
+        Jitter::Paper { gamma } => positive([("gamma", *gamma)]),
+        Jitter::Matched { noise_v, current_a }
+        | Jitter::Drift {
+            noise_v, current_a, ..
+        } => positive([("noise_v", *noise_v), ("current_a", *current_a)]),
+        Jitter::Levels { noise_v, current_a } => {
+            let levels = noise_v.iter().map(|level| ("noise_v", *level));
+            positive(levels.chain([("current_a", *current_a)]))
+        }
+        Jitter::Measured { current_a, .. } => positive([("current_a", *current_a)]),
+    }
+}
+
 impl Noise {
     /// `baseline`: the unloaded readings at 1 A.
     ///
     /// # Errors
-    /// Levels that are not positive numbers, or repeats that do not determine a covariance.
+    /// Sizes that are not positive numbers, repeats that do not determine a covariance, or rows of readings that do not
+    /// fit the protocol or are not finite.
     pub fn new(
         jitter: &Jitter,
         spread: SpreadChoice,
         baseline: &[f64],
         seed: u64,
     ) -> Result<Self, TrainError> {
+        check(jitter)?;
         let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
         let refuse = |setting, value, must| TrainError::Setting {
             setting,
@@ -52,6 +70,16 @@ impl Noise {
                 })
                 .collect::<Result<Vec<_>, _>>()
                 .map(Kind::White)
+        };
+        let check_rows = |rows: &[Vec<f64>], readings, row| {
+            if let Some(row) = rows.iter().find(|row| row.len() != baseline.len()) {
+                let must = "one per measurement of the protocol";
+                return Err(refuse(readings, row.len() as f64, must));
+            }
+            if rows.iter().flatten().any(|value| !value.is_finite()) {
+                return Err(refuse(row, f64::NAN, "finite in every reading"));
+            }
+            Ok(())
         };
         let both = std::f64::consts::SQRT_2;
         let kind = match jitter {
@@ -83,20 +111,11 @@ impl Noise {
                         "2 or more (20 or more for a useful covariance)",
                     ));
                 }
-                if let Some(row) = volts.iter().find(|row| row.len() != baseline.len()) {
-                    return Err(refuse(
-                        "readings of a repeat of the baseline",
-                        row.len() as f64,
-                        "one per measurement of the protocol",
-                    ));
-                }
-                if volts.iter().flatten().any(|value| !value.is_finite()) {
-                    return Err(refuse(
-                        "a repeat of the baseline",
-                        f64::NAN,
-                        "finite in every reading",
-                    ));
-                }
+                check_rows(
+                    volts,
+                    "readings of a repeat of the baseline",
+                    "a repeat of the baseline",
+                )?;
                 let scale = both / (current_a * top * ((count - 1) as f64).sqrt());
                 let mean: Vec<f64> = (0..baseline.len())
                     .map(|reading| volts.iter().map(|row| row[reading]).sum::<f64>() / count as f64)
@@ -115,13 +134,11 @@ impl Noise {
                 current_a,
                 drift_v,
             } => {
-                if drift_v.iter().any(|row| row.len() != baseline.len()) {
-                    return Err(refuse(
-                        "readings of a row of the drift",
-                        drift_v[0].len() as f64,
-                        "one per measurement of the protocol",
-                    ));
-                }
+                check_rows(
+                    drift_v,
+                    "readings of a row of the drift",
+                    "a row of the drift",
+                )?;
                 let level = both * noise_v / current_a / top;
                 let scaled = |row: &Vec<f64>| row.iter().map(|v| v / current_a / top).collect();
                 Kind::Rows {
@@ -309,12 +326,31 @@ mod tests {
         for (sum, wants) in sum.into_iter().zip([12.0, 43.0, 2.0]) {
             assert!((sum / (0.25e-6 * wants) - 1.0).abs() < 0.05, "{sum:e}");
         }
-        let wrong = Jitter::Drift {
+    }
+
+    #[test]
+    fn wrong_rows_and_currents_are_refused_with_their_value() {
+        let refused =
+            |jitter: &Jitter| match Noise::new(jitter, SpreadChoice::Deviation, &[2.0; 3], 1)
+                .unwrap_err()
+            {
+                TrainError::Setting { setting, value, .. } => (setting, value),
+                other => panic!("{other}"),
+            };
+        let drift = |row: Vec<f64>| Jitter::Drift {
             noise_v: 1e-6,
             current_a: 1e-3,
-            drift_v: vec![vec![1e-6; 4]],
+            drift_v: vec![vec![1e-6; 3], row],
         };
-        assert!(Noise::new(&wrong, SpreadChoice::Deviation, &[2.0; 3], 1).is_err());
+        let longer = refused(&drift(vec![1e-6; 4]));
+        assert_eq!(longer, ("readings of a row of the drift", 4.0));
+        let (setting, value) = refused(&drift(vec![1e-6, f64::INFINITY, 0.0]));
+        assert!(setting == "a row of the drift" && value.is_nan());
+        let measured = Jitter::Measured {
+            volts: vec![vec![1.0; 3], vec![1.1; 3]],
+            current_a: -1e-3,
+        };
+        assert_eq!(refused(&measured), ("current_a", -1e-3));
     }
 
     #[test]
