@@ -193,6 +193,7 @@ pub fn fit(
         samples: learnt * views,
         epochs: 1,
         best_epoch: 1,
+        // a second pass over the learnt cases would be needed for their own loss; docs/reference/json.md says so, too
         training_loss: loss / judged,
         held_out_loss: loss / judged,
         empty_loss: empty / judged,
