@@ -59,6 +59,23 @@ pub fn missing(
     Ok(missing)
 }
 
+/// Locks the part of a shard; `None` if another process completed the shard before the lock was taken.
+pub(super) fn lock(
+    folder: &Path,
+    paths: &Paths,
+    header: &Value,
+    shard: Shard,
+) -> Result<Option<PartFile>, DataSetError> {
+    let part = PartFile::lock(&paths.part)?;
+    if paths.manifest.exists() {
+        part.remove()?;
+        return Ok(None);
+    }
+    // another process may have changed the folder, too
+    refuse_others(folder, header, shard)?;
+    Ok(Some(part))
+}
+
 /// Renames a complete part to its final name, then writes its manifest; returns the SHA-256 of the file, hex.
 pub(super) fn close(
     part: PartFile,
@@ -175,5 +192,29 @@ fn first_line(path: &Path, own: Option<&Value>) -> Result<Option<Value>, DataSet
     match own {
         Some(own) if !own.to_string().as_bytes().starts_with(&line) => Err(refused()),
         _ => Ok(None),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn checks_are_repeated_after_a_part_is_locked() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let paths = Paths::new(folder, Shard::WHOLE);
+        let header = json!({ "seed": 1, "shard": [0, 1] });
+        let part = lock(folder, &paths, &header, Shard::WHOLE).unwrap();
+        close(part.unwrap(), &paths, &header, &(0..0)).unwrap();
+        // the shard was completed between the first checks and the lock
+        let part = lock(folder, &paths, &header, Shard::WHOLE).unwrap();
+        assert!(part.is_none() && !paths.part.exists());
+        // the shard became that of another set
+        std::fs::remove_file(&paths.manifest).unwrap();
+        let other = json!({ "seed": 2, "shard": [0, 1] });
+        std::fs::write(&paths.whole, format!("{other}\n")).unwrap();
+        let refused = lock(folder, &paths, &header, Shard::WHOLE).unwrap_err();
+        assert!(refused.to_string().contains("seed"), "{refused}");
     }
 }

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use eit::{Case, TrainingSettings};
 use outfile::Existing;
-use shards::{PartFile, Shard, ShardError, StopRequest};
+use shards::{Shard, ShardError, StopRequest};
 
-use super::folder::{Paths, close, refuse_others};
+use super::folder::{Paths, close, lock, refuse_others};
 use super::{DataSet, DataSetError, MadeShard, header, missing};
 
 /// Writes the `of` shards in `parts` as the only shard of a set in `folder`. The file is created complete or not at
@@ -38,16 +38,14 @@ pub fn merge(
     refuse_others(folder, &header, Shard::WHOLE)?;
     let paths = Paths::new(folder, Shard::WHOLE);
     let cases = 0..settings.cases;
-    let part = PartFile::lock(&paths.part)?;
-    if paths.manifest.exists() {
-        part.remove()?;
+    let Some(part) = lock(folder, &paths, &header, Shard::WHOLE)? else {
         return Ok(MadeShard {
             file: paths.whole,
             kept: settings.cases,
             cases,
             sha256: None,
         });
-    }
+    };
     let failed = |cause: std::io::Error| super::full(&paths.part, &cause);
     part.file.set_len(0).map_err(failed)?;
     let mut writer = BufWriter::new(&part.file);

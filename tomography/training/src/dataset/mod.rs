@@ -81,13 +81,9 @@ pub fn make_shard(
     }
     let simulation = Simulation::of_case(case, settings)?;
     outfile::make_folder(folder, Existing::Replace)?;
-    let mut part = PartFile::lock(&paths.part)?;
-    // another process may have completed the shard or changed the folder before the lock was taken
-    if paths.manifest.exists() {
-        part.remove()?;
+    let Some(mut part) = folder::lock(folder, &paths, &header, shard)? else {
         return Ok(complete());
-    }
-    folder::refuse_others(folder, &header, shard)?;
+    };
     let head = format!("{header}\n");
     let kept = make(&simulation, &head, cases.clone(), &mut part, stop, progress)?;
     let hash = folder::close(part, &paths, &header, &cases)?;

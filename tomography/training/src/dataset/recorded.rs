@@ -7,9 +7,9 @@ use std::path::Path;
 use eit::{Case, TrainingSettings};
 use outfile::Existing;
 use rand::seq::SliceRandom;
-use shards::{PartFile, Shard};
+use shards::Shard;
 
-use super::folder::{Paths, close, refuse_others};
+use super::folder::{Paths, close, lock, refuse_others};
 use super::{DataSetError, MadeShard, baseline, full, header, record};
 use crate::samples::{Purpose, Sample, stream};
 
@@ -54,7 +54,9 @@ pub fn keep_recorded(
         return Ok(made(None));
     }
     outfile::make_folder(folder, Existing::Replace)?;
-    let part = PartFile::lock(&paths.part)?;
+    let Some(part) = lock(folder, &paths, &header, Shard::WHOLE)? else {
+        return Ok(made(None));
+    };
     let path = part.path().to_owned();
     let failed = |cause: std::io::Error| full(&path, &cause);
     part.file.set_len(0).map_err(failed)?;
