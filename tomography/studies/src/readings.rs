@@ -46,7 +46,7 @@ pub fn add_noise<'a>(
     random: &mut ChaCha8Rng,
 ) {
     let Ok(noise) = Normal::new(0.0, noise_v) else {
-        return; // `noise_v` is negative or not finite; nothing is added
+        return; // `noise_v` is not finite; nothing is added
     };
     for value in volts {
         *value += noise.sample(random);

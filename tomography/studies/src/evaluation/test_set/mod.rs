@@ -197,7 +197,7 @@ pub fn frames(
             .chain((1..=drawn.len()).map(|frame| format!("frame {frame}")))
             .collect(),
     };
-    let bar = progress::bar(drawn.len(), "frames");
+    let bar = progress::bar(study.items.len(), "frames");
     let outcome = study.perform(division, stop, &mut |item| {
         let loads = item.checked_sub(1).map(|frame| &drawn[frame].loads[..]);
         bar.inc(1);
