@@ -29,10 +29,28 @@ pub use failure::{Failure, write};
 pub(crate) use failure::{tagged, write_tables};
 pub use readings::{add_noise, measured};
 
+/// Seed of draw `draw` of the data that judge methods; differs from `seed`, that of the trainings. Any seed is valid: the
+/// product wraps.
+pub(crate) fn judging_seed(seed: u64, draw: u64) -> u64 {
+    seed.wrapping_add(1).wrapping_mul(1000).wrapping_add(draw)
+}
+
 /// The properties of the build on which results depend, in addition to the options of a study.
 pub fn build() -> serde_json::Value {
     serde_json::json!({
         "version": env!("CARGO_PKG_VERSION"),
         "build": if cfg!(debug_assertions) { "development" } else { "release" },
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::judging_seed;
+
+    #[test]
+    fn every_seed_has_other_seeds_for_judging() {
+        assert_eq!(judging_seed(4, 3), 5003);
+        assert_eq!(judging_seed(u64::MAX, 3), 3);
+        assert_ne!(judging_seed(u64::MAX - 1, 3), judging_seed(u64::MAX - 1, 4));
+    }
 }

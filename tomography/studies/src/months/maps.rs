@@ -116,7 +116,7 @@ pub(super) fn rows(settings: &Settings, geometry: &Geometry) -> Result<Vec<MapRo
             .into_par_iter()
             .map(|number| {
                 // other sheets than those of `single`
-                let seed = settings.seed + 1000 * number + 500;
+                let seed = settings.seed.wrapping_add(1000 * number + 500);
                 let judged = sheet(family, seed, settings.maps.loads, geometry, &prepared);
                 bar.inc(1);
                 judged

@@ -129,7 +129,7 @@ pub(super) fn rows(
         let done: Vec<OneSheet> = (0..settings.sheets as u64)
             .into_par_iter()
             .map(|number| {
-                let seed = settings.seed + 1000 * number;
+                let seed = settings.seed.wrapping_add(1000 * number);
                 let done = sheet(family, seed, settings.presses, geometry, &one_step);
                 bar.inc(1);
                 done

@@ -5,6 +5,7 @@ use super::evaluation::{Artifact, Evaluations, FoundMap, Job};
 use super::plan::{DEEP, Method, Plan, RBF, TV};
 use crate::evaluation::{Figures, OfFrame};
 use crate::failure::Failure;
+use crate::judging_seed;
 
 /// Result of one method on one set.
 pub(super) struct Outcome {
@@ -168,8 +169,7 @@ impl Experiments {
 
 /// The artifact of a test set.
 pub(super) fn test_set(plan: &Plan, set: Set) -> Artifact {
-    // differs from the seed of the training
-    let seed = 1000 * (plan.seed + 1) + set.draw;
+    let seed = judging_seed(plan.seed, set.draw);
     let (test, noise, spray) = (set.test, set.noise_uv * 1e-6, set.spray);
     let mut command = format!("judge --set test-{test} --noise-v {noise:e} --seed {seed}");
     let mut name = format!("sets/test-{test}-{}uV", set.noise_uv);

@@ -5,6 +5,7 @@ use super::experiments::{FIGURES_AT, Set, test_set};
 use super::plan::{DEEP, Method, Plan, RBF, RBF_FILE, TV};
 use crate::evaluation::{OfFrame, mean_and_deviation};
 use crate::failure::Failure;
+use crate::judging_seed;
 
 /// Results for one varied parameter.
 pub(super) struct Sweep {
@@ -57,11 +58,6 @@ pub(super) fn run(
     Ok(sweeps)
 }
 
-/// The seed of the test sets, which differs from that of the training.
-fn judging(plan: &Plan) -> u64 {
-    1000 * (plan.seed + 1)
-}
-
 /// Figures of merit of one method for each frame of a set.
 fn figures_of(
     evaluations: &Evaluations,
@@ -86,7 +82,7 @@ fn sizes(
 ) -> Result<Vec<Sweep>, Failure> {
     let set = Artifact {
         name: "sets/sizes".to_owned(),
-        command: format!("judge --set sizes --seed {}", judging(plan)),
+        command: format!("judge --set sizes --seed {}", judging_seed(plan.seed, 0)),
     };
     let (mut errors, mut dice) = (Vec::new(), Vec::new());
     for method in methods {
@@ -203,7 +199,7 @@ fn alphas(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
 
 /// The spread of Eq. 13 times a factor, on held-out cases of Algorithm 1.
 fn spreads(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
-    let seed = judging(plan);
+    let seed = judging_seed(plan.seed, 0);
     let count = if plan.best { "100" } else { "10" };
     let mut points = Vec::new();
     for noise in ["2e-6", "396e-6"] {
@@ -250,7 +246,7 @@ fn spreads(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
 
 /// Other sheets and electrodes, with presses of 10 mm.
 fn sheets(plan: &Plan, evaluations: &Evaluations) -> Result<Vec<Sweep>, Failure> {
-    let seed = judging(plan);
+    let seed = judging_seed(plan.seed, 0);
     let count = if plan.best { "16" } else { "4" };
     let (mut electrodes, mut sizes) = (Vec::new(), Vec::new());
     for &(scale, along_width, along_height) in plan.sheets {

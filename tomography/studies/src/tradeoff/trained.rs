@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::Effort;
 use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
+use crate::judging_seed;
 
 /// A model trained for a diagram, and the time of its training.
 pub(crate) struct Trained {
@@ -38,8 +39,7 @@ pub(crate) fn judged_sets(
 ) -> Result<Vec<PathBuf>, Failure> {
     (0..Effort::SEEDS)
         .map(|draw| {
-            // differs from the seed of any training
-            let seed = 1000 * (effort.seed + 1) + draw;
+            let seed = judging_seed(effort.seed, draw);
             place.made(
                 &format!("sets/{set}-{count}-{seed}"),
                 &format!("judge --set {set} --count {count} --seed {seed}"),

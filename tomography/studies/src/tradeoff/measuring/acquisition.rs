@@ -16,6 +16,7 @@ use survey::{Amps, Measurement, Plan, Protocol, RangeRule, Reading, Volts, Wirin
 
 use crate::evaluation::average;
 use crate::failure::Failure;
+use crate::judging_seed;
 use crate::progress;
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::FARTHEST_MM;
@@ -381,7 +382,7 @@ impl Truth {
         let (centroids, areas) = (self.model.region_centroids(), self.model.region_areas());
         let mut errors_mm = Vec::new();
         for draw in 0..Effort::SEEDS {
-            let mut random = ChaCha8Rng::seed_from_u64(1000 * (effort.seed + 1) + draw);
+            let mut random = ChaCha8Rng::seed_from_u64(judging_seed(effort.seed, draw));
             let unit = Normal::new(0.0, 1.0).expect("constants");
             let mut noisy = |volts: &[f64], times: f64| -> Vec<Reading> {
                 volts

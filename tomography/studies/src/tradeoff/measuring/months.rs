@@ -24,7 +24,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         ),
         every_s: 3600.0,
         presses: effort.of(1, 8),
-        seed: 100 * effort.seed,
+        seed: effort.seed.wrapping_mul(100),
     };
     let samples = samples(&request)?;
     let mut points = Vec::new();

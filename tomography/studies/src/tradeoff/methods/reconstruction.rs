@@ -10,6 +10,7 @@ use super::precision;
 use crate::artifact_cache::{ArtifactCache, FOLDER};
 use crate::evaluation::{Judged, average, figures, maps_not_refused, of_frames, quantile};
 use crate::failure::Failure;
+use crate::judging_seed;
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{FARTHEST_MM, Panel, Point};
 use crate::tradeoff::trained::{Trained, judged_sets};
@@ -173,7 +174,7 @@ fn scenes(
         .ok_or_else(|| Failure::because(format!("scene '{name}' does not ship with this build")))?;
     (0..Effort::SEEDS)
         .map(|draw| {
-            let seed = 1000 * (effort.seed + 1) + draw;
+            let seed = judging_seed(effort.seed, draw);
             let lines = text.lines().map(|line| match line.starts_with("seed = ") {
                 true => format!("seed = {seed}\n"),
                 false => format!("{line}\n"),

@@ -23,7 +23,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         days: effort.of(&[0.05, 0.1][..], &[0.2, 1.0, 3.0, 7.0]),
         every_s: 3600.0,
         presses: effort.of(4, 40),
-        seed: 100 * effort.seed + 50,
+        seed: effort.seed.wrapping_mul(100).wrapping_add(50),
     };
     let samples = samples(&request)?;
     let mut points = Vec::new();
