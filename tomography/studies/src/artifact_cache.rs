@@ -7,7 +7,7 @@ use std::time::Instant;
 use eit::Case;
 use outfile::Existing;
 
-use crate::failure::{Failure, write};
+use crate::failure::{Attempt, Failure, write};
 
 /// The program whose commands create the models and the test sets of a study.
 pub trait Program {
@@ -83,7 +83,7 @@ impl<'p> ArtifactCache<'p> {
     /// The paper's sheet as a case folder.
     pub(crate) fn case(&self) -> Result<Case, Failure> {
         let folder = self.made("case", "mesh --preset paper-sheet")?;
-        Case::read(&folder).map_err(|fault| Failure::of("cannot read the case", &fault))
+        Case::read(&folder).attempt("cannot read the case")
     }
 
     /// The path of a file or folder `name` created by `command` with `--out`. It is reused if the same command created

@@ -57,6 +57,19 @@ impl Failure {
     }
 }
 
+/// Adds the attempted action to the error of a result.
+pub(crate) trait Attempt<T> {
+    /// # Errors
+    /// As [`Failure::of`].
+    fn attempt(self, what: &str) -> Result<T, Failure>;
+}
+
+impl<T, E: std::error::Error> Attempt<T> for Result<T, E> {
+    fn attempt(self, what: &str) -> Result<T, Failure> {
+        self.map_err(|cause| Failure::of(what, &cause))
+    }
+}
+
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.message)

@@ -4,15 +4,14 @@ use eit::Preset;
 use imaging::Geometry;
 use survey::Protocol;
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 
 /// The default sheet on the model's mesh.
 pub(crate) fn geometry() -> Result<Geometry, Failure> {
-    Geometry::from_preset(&Preset::default())
-        .map_err(|fault| Failure::of("the model's sheet", &fault))
+    Geometry::from_preset(&Preset::default()).attempt("the model's sheet")
 }
 
 /// The protocol of a ring with this number of electrodes.
 pub(crate) fn protocol(electrodes: usize) -> Result<Protocol, Failure> {
-    Protocol::sheffield(electrodes).map_err(|fault| Failure::of("the protocol", &fault))
+    Protocol::sheffield(electrodes).attempt("the protocol")
 }

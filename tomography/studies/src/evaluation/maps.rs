@@ -11,7 +11,7 @@ use survey::{Map, Reading};
 use super::MethodOptions;
 use super::statistics::average;
 use super::test_set;
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::progress;
 use imaging::Model;
 use imaging::recorded::{BaselineRule, FrameTable, TableOptions, one_current};
@@ -92,7 +92,7 @@ pub fn maps_not_refused(folder: &Path, name: &str, words: &[String]) -> Result<J
 }
 
 fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<Judged, Failure> {
-    let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
+    let case = Case::read(folder).attempt("cannot read the case")?;
     let description = test_set::description(folder)?;
     let mut with_noise = words.to_vec();
     // `tv-paper` does not use the noise
@@ -109,7 +109,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     let recording = FrameTable::read(folder, &table, case.protocol.len())?;
     if options.removes_drift() {
         one_current(&folder.join("protocol.csv"), &case.currents)
-            .map_err(|fault| Failure::of("--drift frame is for readings at one current", &fault))?;
+            .attempt("--drift frame is for readings at one current")?;
     }
     let model = options.prepare(&case, &recording)?;
     let triangles = case.mesh.region().len();

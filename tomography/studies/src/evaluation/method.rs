@@ -10,7 +10,7 @@ use imaging::{
 use survey::Bounds;
 use training::{Cached, linear, rbf, single_current};
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::progress;
 
 /// Default number of simulated cases of a training.
@@ -134,7 +134,7 @@ impl MethodOptions {
             Fitted::new(geometry, &case.protocol, &case.currents, unloaded).map_err(not_built)?;
         let conditions = fitted.conditions(&case.protocol);
         Tracking::new(&conditions, &unloaded.readings, noise_v, at_s)
-            .map_err(|fault| Failure::of("the baseline cannot be tracked", &fault))
+            .attempt("the baseline cannot be tracked")
     }
 
     /// The largest loss by noise alone in maps of a prepared model; `None` if the noise of a reading is unknown.
@@ -148,9 +148,7 @@ impl MethodOptions {
     fn geometry(&self, case: &Case) -> Result<Geometry, Failure> {
         let mut geometry = Geometry::of_case(case, "the case".to_owned());
         if let Some(name) = &self.sigma0 {
-            geometry.sigma0 = case
-                .sigma(name)
-                .map_err(|fault| Failure::of("cannot read --sigma0", &fault))?;
+            geometry.sigma0 = case.sigma(name).attempt("cannot read --sigma0")?;
             geometry.sigma0_known = true;
         }
         Ok(geometry)

@@ -3,7 +3,7 @@
 use eit::metrics::Image;
 use eit::{Case, bounding_box};
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 
 /// Number of pixels along the longer side.
 const PIXELS: usize = 64;
@@ -82,7 +82,7 @@ impl Raster {
                     .collect()
             })
             .collect();
-        Image::new(&values).map_err(|fault| Failure::of("the raster", &fault))
+        Image::new(&values).attempt("the raster")
     }
 
     /// A position on the sheet (m) in the raster's coordinates, -1 to 1.

@@ -13,6 +13,7 @@ use survey::{Amps, Electrode, MapQuality, Verdict};
 
 use super::Settings;
 use super::sheet::{CURRENT, FineSheet, Kind, random};
+use crate::failure::Attempt;
 use crate::{Failure, add_noise, measured, progress};
 
 /// Faults of a rig that must be detected.
@@ -148,7 +149,7 @@ pub(super) fn rows(
             let mut conditions = Conditions::live(geometry, &sheet.protocol, Amps(CURRENT));
             conditions.noise_v = Some(fault.stated() * noise_v);
             let model = build(&ReconstructionSettings::default(), &conditions)
-                .map_err(|fault| Failure::of("the one-step method", &fault))?;
+                .attempt("the one-step method")?;
             let judged: Vec<(Trial, MapQuality)> = (0..count)
                 .into_par_iter()
                 .map(|frame| {
@@ -162,7 +163,7 @@ pub(super) fn rows(
                     let trial = trial(sheet, fault, kind, noise_v, random)?;
                     let map = model
                         .reconstruct(&measured(&trial.baseline), &measured(&trial.frame))
-                        .map_err(|fault| Failure::of("the one-step method", &fault))?;
+                        .attempt("the one-step method")?;
                     bar.inc(1);
                     let quality = map
                         .quality

@@ -8,7 +8,7 @@ use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use survey::Protocol;
 
-use crate::Failure;
+use crate::failure::{Attempt, Failure};
 
 /// Current of the frames, A.
 pub(super) const CURRENT: f64 = 1e-3;
@@ -92,9 +92,7 @@ impl FineSheet {
             fineness: 1.6,
             ..PaperSheet::default()
         };
-        let mesh = sheet
-            .mesh()
-            .map_err(|fault| Failure::of("the finer sheet", &fault))?;
+        let mesh = sheet.mesh().attempt("the finer sheet")?;
         let centroids: Vec<[f64; 2]> = (0..mesh.triangles().len())
             .map(|triangle| mesh.centroid(triangle))
             .collect();

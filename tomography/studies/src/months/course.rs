@@ -12,6 +12,7 @@ use survey::Reading;
 use super::simulated::{Simulated, away_mm, model};
 use super::single::{Locator, distance, locate, shipped};
 use super::tracked::{DIAMETERS_MM, LongScene, MAP_SIZE};
+use crate::failure::Attempt;
 use crate::{Failure, progress, sheet};
 
 const DAY_S: f64 = 86_400.0;
@@ -186,7 +187,7 @@ impl Course<'_> {
         };
         let shipped = |baseline: &[Reading]| -> Result<f64, Failure> {
             let map = self.one_step.reconstruct(baseline, &frame);
-            let map = map.map_err(|fault| Failure::of("one-step", &fault))?;
+            let map = map.attempt("one-step")?;
             Ok(self.rms(map.values.into_iter()))
         };
         let tracked = model.baseline_with(&self.tracker.baseline());

@@ -16,6 +16,7 @@ use super::Settings;
 use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm};
 use super::single::{DAYS, SPANS, span_of};
 use crate::evaluation::{average, quantile, test_set};
+use crate::failure::Attempt;
 use crate::honesty::MapMethod;
 use crate::sheet::protocol;
 use crate::{Failure, progress};
@@ -239,7 +240,7 @@ fn judge(
     let first = &prepared[0].models[0].1;
     let deviation = first
         .deviation(baseline, frame)
-        .map_err(|fault| Failure::of("the map's deviation", &fault))?
+        .attempt("the map's deviation")?
         .ok_or_else(|| Failure::usage("a model without a geometry has no deviation"))?;
     let resolved: f64 = areas
         .iter()

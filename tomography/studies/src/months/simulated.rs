@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use survey::Reading;
 
 use crate::evaluation::test_set;
+use crate::failure::Attempt;
 use crate::sheet::protocol;
 use crate::{Failure, add_noise, measured};
 
@@ -102,15 +103,14 @@ impl Simulated {
 
     /// A sheet with the effects and loads of the text of a scene.
     pub(crate) fn of(name: &str, text: &str, seed: u64) -> Result<Self, Failure> {
-        let scene = Scene::parse(name, text).map_err(|fault| Failure::of("the scene", &fault))?;
+        let scene = Scene::parse(name, text).attempt("the scene")?;
         let scene = Scene {
             seed,
             sheet: Preset::default().remeshed(FINER, 1),
             ..scene
         };
-        let phantom = Phantom::new(scene).map_err(|fault| Failure::of("the sheet", &fault))?;
-        let scan = Scan::usual(phantom.electrodes())
-            .map_err(|fault| Failure::of("the protocol", &fault))?;
+        let phantom = Phantom::new(scene).attempt("the sheet")?;
+        let scan = Scan::usual(phantom.electrodes()).attempt("the protocol")?;
         Ok(Self {
             phantom,
             scan,
@@ -166,7 +166,7 @@ pub(crate) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftMo
         noise,
         &options,
     )
-    .map_err(|fault| Failure::of("the sheet's fit", &fault))
+    .attempt("the sheet's fit")
 }
 
 /// Distance of a found position (m) from the true one (mm), mm.

@@ -11,6 +11,7 @@ use survey::{Amps, Map, Reading};
 use super::Settings;
 use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm, model};
 use crate::evaluation::{average, quantile};
+use crate::failure::Attempt;
 use crate::sheet::protocol;
 use crate::{Failure, progress};
 
@@ -204,7 +205,7 @@ pub(crate) fn shipped(geometry: &Geometry) -> Result<Model, Failure> {
     };
     let protocol = protocol(26)?;
     let conditions = Conditions::live(geometry, &protocol, Amps(CURRENT_A));
-    build(&settings, &conditions).map_err(|fault| Failure::of("one-step", &fault))
+    build(&settings, &conditions).attempt("one-step")
 }
 
 /// The span of a day of [`DAYS`].
@@ -274,9 +275,7 @@ pub(super) fn locate(
     let mesh = &geometry.mesh;
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
     let failed = |fault| Failure::of("the frame", &fault);
-    let shipped = one_step
-        .reconstruct(baseline, frame)
-        .map_err(|fault| Failure::of("one-step", &fault))?;
+    let shipped = one_step.reconstruct(baseline, frame).attempt("one-step")?;
     let relative = model.relative(frame).map_err(failed)?;
     let projected = model
         .projected(&relative.data, &relative.rows)

@@ -6,7 +6,7 @@ use eit::{Model, Report, model};
 
 use super::evaluation::{Artifact, Source};
 use crate::artifact_cache::ArtifactCache;
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 
 /// Settings of a run.
 pub(super) struct Plan {
@@ -198,8 +198,7 @@ impl Plan {
                 continue;
             };
             let file = artifact.make(place)?;
-            let loaded = model::load(&file)
-                .map_err(|fault| Failure::of("cannot use a trained model", &fault))?;
+            let loaded = model::load(&file).attempt("cannot use a trained model")?;
             let bytes = std::fs::metadata(&file)
                 .map_err(|cause| Failure::of(&format!("{}", file.display()), &cause))?
                 .len();

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use eit::model;
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 
 /// Largest growth of the resident memory of this process while it loads a model, bytes; `None` if the system does not
 /// report it. Correct only in a new process, because an older one reuses memory that was freed before.
@@ -13,8 +13,7 @@ use crate::failure::Failure;
 /// The model cannot be loaded.
 pub fn resident_growth(file: &Path) -> Result<Option<u64>, Failure> {
     let before = memory("VmRSS:");
-    let loaded =
-        model::load(file).map_err(|fault| Failure::of("cannot use a trained model", &fault))?;
+    let loaded = model::load(file).attempt("cannot use a trained model")?;
     let peak = memory("VmHWM:");
     drop(loaded);
     Ok(before

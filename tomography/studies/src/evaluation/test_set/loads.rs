@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::TestSetName;
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 
 /// Loss of conductance under a press.
 const LOSS: f64 = 0.5;
@@ -100,9 +100,7 @@ pub(super) fn check_extent(
 pub fn true_map(mesh: &Mesh, loads: &[Load]) -> Result<Vec<f64>, Failure> {
     let mut kept = vec![1.0; mesh.triangles().len()];
     for load in loads {
-        let covered = load
-            .coverage(mesh)
-            .map_err(|fault| Failure::of("the truth", &fault))?;
+        let covered = load.coverage(mesh).attempt("the truth")?;
         for (triangle, share) in covered {
             kept[triangle] *= 1.0 - load.loss * share;
         }

@@ -22,7 +22,7 @@ use shards::{Division, Outcome, StopRequest, Study};
 use survey::Amps;
 
 use crate::build;
-use crate::failure::{Failure, write};
+use crate::failure::{Attempt, Failure, write};
 use crate::progress;
 pub use loads::true_map;
 use loads::{Pressed, check_extent, draw};
@@ -252,9 +252,7 @@ impl Prepared {
             None => Geometry::from_preset(&sheet)
                 .map_err(|fault| Failure::because(survey::error_chain(&fault)))?
                 .case(CURRENT)
-                .map_err(|fault| {
-                    Failure::of("no protocol for this number of electrodes", &fault)
-                })?,
+                .attempt("no protocol for this number of electrodes")?,
         };
         let mut scene = Scene {
             seed: options.sheet_seed.unwrap_or(options.seed),
@@ -357,7 +355,7 @@ impl Frames {
     pub fn write(&self, folder: &Path, existing: Existing) -> Result<usize, Failure> {
         let case = &self.case;
         case.write(folder, existing)
-            .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+            .attempt("cannot write the case")?;
         let frames: Vec<Vec<Option<f64>>> = self
             .frames
             .iter()

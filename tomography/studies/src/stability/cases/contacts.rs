@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use qd::Quad;
 use survey::{Dipole, Electrode, Measurement, Protocol};
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::stability::outcome::{Check, Naive, Outcome, apart, naive, worst};
 use crate::stability::solvers::bordered::{Bordered, Ground, middle, read};
 use crate::stability::solvers::conjugate::{self, Until};
@@ -111,8 +111,8 @@ fn own(forward: &Forward, sigma: &[f64], pair: Dipole) -> Result<f64, Failure> {
         drive: pair,
         sense: pair,
     };
-    let protocol = Protocol::new(forward.mesh().electrodes(), vec![question])
-        .map_err(|fault| Failure::of("the protocol", &fault))?;
+    let protocol =
+        Protocol::new(forward.mesh().electrodes(), vec![question]).attempt("the protocol")?;
     Ok(forward.readings(sigma, &protocol).map_err(refused)?[0])
 }
 
@@ -214,9 +214,7 @@ fn resistance(sheet: &PaperSheet, contact: f64) -> Result<f64, Failure> {
 }
 
 fn meshed(sheet: &PaperSheet) -> Result<Arc<Mesh>, Failure> {
-    let mesh = sheet
-        .mesh()
-        .map_err(|fault| Failure::of("the sheet", &fault))?;
+    let mesh = sheet.mesh().attempt("the sheet")?;
     Ok(Arc::new(mesh))
 }
 
@@ -243,9 +241,7 @@ pub(crate) fn narrow_electrode() -> Result<Outcome, Failure> {
         }
         before = Some([graded, coarse]);
     }
-    let mesh = four(2.0, 1.0, 4.0, 0.2)
-        .mesh()
-        .map_err(|fault| Failure::of("the sheet", &fault))?;
+    let mesh = four(2.0, 1.0, 4.0, 0.2).mesh().attempt("the sheet")?;
     let quality = mesh.quality();
     let unreported = 4 - quality.coarse_electrodes.len();
     Ok(Outcome::of([

@@ -6,7 +6,7 @@ use eit::{Forward, Mesh};
 use qd::Quad;
 use survey::Dipole;
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::stability::outcome::{Check, Naive, Outcome, apart, naive, worst};
 use crate::stability::solvers::bordered::{Bordered, Factored, Ground, read};
 use crate::stability::solvers::conjugate::{self, Until};
@@ -71,8 +71,7 @@ fn without(tank: &Tank, hole: &[usize]) -> Result<Vec<f64>, Failure> {
         .map(|edges| edges.iter().map(|e| e.map(|node| new[node])).collect())
         .collect();
     let sigma = vec![tank.sigma[0]; triangles.len()];
-    let cut = Mesh::new(nodes, triangles, edges, None)
-        .map_err(|fault| Failure::of("the mesh with a hole", &fault))?;
+    let cut = Mesh::new(nodes, triangles, edges, None).attempt("the mesh with a hole")?;
     let readings = Forward::new(Arc::new(cut), &tank.contact)
         .and_then(|forward| forward.readings(&sigma, &tank.protocol))
         .map_err(refused)?;

@@ -10,7 +10,7 @@ use eit::{
 use nalgebra::{DMatrix, DVector, SVD};
 use survey::Reading;
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::readings::measured;
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::{Tank, refused};
@@ -475,8 +475,7 @@ fn quartered(mesh: &Mesh) -> Result<Mesh, Failure> {
                 .collect()
         })
         .collect();
-    Mesh::new(nodes, triangles, edges, None)
-        .map_err(|fault| Failure::of("the quartered mesh", &fault))
+    Mesh::new(nodes, triangles, edges, None).attempt("the quartered mesh")
 }
 
 /// 18: a load that removes nearly all conductance.
@@ -490,9 +489,7 @@ pub(crate) fn long_step() -> Result<Outcome, Failure> {
             })
             .map_err(unsolved)?;
         let map = step.reconstruct(&loaded.baseline, &loaded.frame);
-        Ok(map
-            .map_err(|fault| Failure::of("the one-step method", &fault))?
-            .values)
+        Ok(map.attempt("the one-step method")?.values)
     };
     let left = |map: &[f64]| {
         map.iter()
@@ -505,7 +502,7 @@ pub(crate) fn long_step() -> Result<Outcome, Failure> {
     })?;
     let (solution, _) = tv
         .solve(&loaded.baseline, &loaded.frame)
-        .map_err(|fault| Failure::of("total variation", &fault))?;
+        .attempt("total variation")?;
     Ok(Outcome::of([
         Check::at_least(
             "smallest conductance of a map, of the unloaded",

@@ -6,7 +6,7 @@ use training::deep::{DeepFault, Recipe, train};
 use training::samples::{Noise, SampleError, Samples};
 
 use super::radial::Made;
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::Tank;
 
@@ -61,7 +61,7 @@ fn noise(set: &Made) -> Result<Noise, Failure> {
         &set.baseline,
         settings.seed,
     )
-    .map_err(|fault| Failure::of("the jitter", &fault))
+    .attempt("the jitter")
 }
 
 fn untrained(fault: DeepFault) -> Failure {
@@ -268,11 +268,9 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
         },
         ..TrainingSettings::default()
     };
-    let simulation = tank
-        .simulation(&data)
-        .map_err(|fault| Failure::of("the training set", &fault))?;
+    let simulation = tank.simulation(&data).attempt("the training set")?;
     let noise = Noise::new(&data.jitter, data.open.spread, simulation.baseline(), 1)
-        .map_err(|fault| Failure::of("the jitter", &fault))?;
+        .attempt("the jitter")?;
     let settings = DeepSettings {
         hidden_layers: 2,
         width: 96,
@@ -289,9 +287,7 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
     let (mut whole, mut strayed) = (0.0, 0.0);
     let (centroids, areas) = (tank.mesh.region_centroids(), tank.mesh.region_areas());
     for case in 340..400 {
-        let sample = simulation
-            .sample(case)
-            .map_err(|fault| Failure::of("the training set", &fault))?;
+        let sample = simulation.sample(case).attempt("the training set")?;
         if sample.target.is_empty() {
             continue;
         }

@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use survey::Map;
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::stability::outcome::{Check, Naive, Outcome};
 use crate::stability::solvers::tank::Tank;
 
@@ -19,8 +19,7 @@ const DAYS_90_S: u32 = 90 * 24 * 3600;
 
 fn quantifier(mesh: &Mesh) -> Result<Quantifier, Failure> {
     let settings = QuantitySettings::default();
-    let surface = Surface::new(mesh, 1e-4 * settings.window_cm2, &[])
-        .map_err(|fault| Failure::of("the surface", &fault))?;
+    let surface = Surface::new(mesh, 1e-4 * settings.window_cm2, &[]).attempt("the surface")?;
     let unit = LoadUnit::RelativeLoss;
     Ok(Quantifier::of_surface(surface, settings, unit))
 }

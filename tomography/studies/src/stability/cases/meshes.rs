@@ -5,7 +5,7 @@ use std::sync::Arc;
 use eit::{DiscTank, Forward, Mesh, MeshError};
 use nalgebra::{DMatrix, DVector};
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::stability::outcome::{Check, Naive, Outcome, apart, naive, worst};
 use crate::stability::solvers::bordered::{Bordered, Ground};
 use crate::stability::solvers::tank::{Tank, refused};
@@ -132,7 +132,7 @@ fn with_sliver(tank: &Tank, degrees: f64) -> Result<Mesh, Failure> {
     triangles[t] = [a, b, n];
     triangles.extend([[b, c, n], [c, a, n]]);
     Mesh::new(nodes, triangles, mesh.electrode_edges().to_vec(), None)
-        .map_err(|fault| Failure::of("the mesh with a sliver", &fault))
+        .attempt("the mesh with a sliver")
 }
 
 /// 12: the discretisation error of a voltage, and of a difference.

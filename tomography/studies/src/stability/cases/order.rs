@@ -2,7 +2,7 @@
 
 use eit::{Model, TrainingSettings};
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::stability::outcome::{Check, Naive, Outcome};
 use crate::stability::solvers::tank::{Tank, few_neurons, refused};
 
@@ -13,7 +13,7 @@ pub(crate) fn threads() -> Result<Outcome, Failure> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
-            .map_err(|fault| Failure::of("the threads", &fault))?;
+            .attempt("the threads")?;
         let hash = |(_, model): (_, Model)| model.hash().to_owned();
         let model = pool.install(|| tank.trained(60).map(hash))?;
         let forward = tank.forward(&tank.contact)?;
@@ -68,9 +68,7 @@ pub(crate) fn polygons() -> Result<Outcome, Failure> {
             radius_m,
             ..few_neurons(DRAWS)
         };
-        let simulation = tank
-            .simulation(&settings)
-            .map_err(|fault| Failure::of("the polygons", &fault))?;
+        let simulation = tank.simulation(&settings).attempt("the polygons")?;
         let mut counts = [0; 2];
         for case in 0..DRAWS {
             let target = simulation.target(case);

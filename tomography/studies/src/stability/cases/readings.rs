@@ -4,7 +4,7 @@ use eit::{MOST_MISSING, OneStep, OneStepOptions, ReconstructError, Reconstructor
 use nalgebra::{DMatrix, DVector};
 use survey::{Amps, Checks, Frame, QualityFlag, Reading, Volts};
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::readings::{measured, plain_frame};
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::Tank;
@@ -50,7 +50,7 @@ impl Scene {
         let (baseline, frame) = (volts(&tank.sigma)?, volts(&tank.with(load, 0.5))?);
         let step = tank
             .one_step(OneStepOptions::default())
-            .map_err(|fault| Failure::of("the one-step method", &fault))?;
+            .attempt("the one-step method")?;
         let noise = spread(&step)?;
         Ok(Self {
             baseline,
@@ -69,7 +69,7 @@ impl Scene {
         let map = self
             .step
             .reconstruct(baseline, frame)
-            .map_err(|fault| Failure::of("the one-step method", &fault))?;
+            .attempt("the one-step method")?;
         Ok((DVector::from_vec(map.values), map.masked))
     }
 }
@@ -82,8 +82,7 @@ fn spread(step: &OneStep) -> Result<f64, Failure> {
 }
 
 fn matrix(step: &OneStep) -> Result<DMatrix<f64>, Failure> {
-    step.matrix()
-        .map_err(|fault| Failure::of("the one-step method", &fault))
+    step.matrix().attempt("the one-step method")
 }
 
 fn rms(map: &DVector<f64>) -> f64 {

@@ -9,7 +9,7 @@ use phantom::Load;
 use survey::{Amps, Baseline, Frame, Reading, Volts};
 
 use crate::evaluation::average;
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::months::{CURRENT_A, Simulated, away_mm, model, shipped};
 use crate::readings::plain_frame;
 use crate::sheet;
@@ -99,7 +99,7 @@ fn follow(opens: bool, geometry: &Geometry, one_step: &Model) -> Result<Located,
         }
         if near {
             let map = one_step.reconstruct(&baseline, &frame);
-            let map = map.map_err(|fault| Failure::of("one-step", &fault))?;
+            let map = map.attempt("one-step")?;
             let at = map.found(&centroids, &areas).unwrap_or([0.0; 2]);
             out.naive_near.push(away_mm(at, place));
         }
@@ -198,7 +198,7 @@ fn record(effects: &str, seed: u64, protocol_hash: &str) -> Result<Recorded, Fai
     let mut baseline = |id: &str, diameter: Option<f64>| {
         let frames = (0..FRAMES).map(|_| Ok(as_measured(frame(diameter)?)));
         let frames: Vec<Frame> = frames.collect::<Result<_, Failure>>()?;
-        Baseline::from_frames(id, &frames).map_err(|fault| Failure::of("the baseline", &fault))
+        Baseline::from_frames(id, &frames).attempt("the baseline")
     };
     Ok(Recorded {
         empty: baseline("empty", None)?,
@@ -226,7 +226,7 @@ pub(crate) fn loaded_baseline() -> Result<Outcome, Failure> {
     for seed in SHEETS {
         let sheet = record(EVERYDAY, seed, &hash)?;
         let map = one_step.reconstruct(&sheet.wide.readings, &sheet.later);
-        let map = map.map_err(|fault| Failure::of("one-step", &fault))?;
+        let map = map.attempt("one-step")?;
         let shows = map.largest_loss().is_some_and(|(_, loss)| loss > SHOWN);
         shown += f64::from(u8::from(shows));
         flagged += remarked(&sheet.wide, None, fitted);

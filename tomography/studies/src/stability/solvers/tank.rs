@@ -12,7 +12,7 @@ use training::rbf::train_rbf_on;
 use training::samples::{Simulation, TrainError};
 
 use super::bordered::{Bordered, Ground, Number};
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::sheet::protocol;
 
 /// A round sheet of 1 kohm per square with its protocol.
@@ -51,9 +51,7 @@ impl Tank {
             fineness: 0.4,
             ..PaperSheet::default()
         };
-        let mesh = sheet
-            .mesh()
-            .map_err(|fault| Failure::of("the paper's sheet", &fault))?;
+        let mesh = sheet.mesh().attempt("the paper's sheet")?;
         Ok(Self {
             sigma: vec![sheet.conductance(); mesh.triangles().len()],
             contact: sheet.contact_ohm_m(),
@@ -64,9 +62,7 @@ impl Tank {
     }
 
     pub(crate) fn of(preset: DiscTank) -> Result<Self, Failure> {
-        let mesh = preset
-            .mesh()
-            .map_err(|fault| Failure::of("the tank", &fault))?;
+        let mesh = preset.mesh().attempt("the tank")?;
         Ok(Self {
             sigma: vec![preset.conductance(); mesh.triangles().len()],
             contact: preset.contact_ohm_m(),
@@ -139,7 +135,7 @@ impl Tank {
     pub(crate) fn tv(&self, options: TvOptions) -> Result<Tv, Failure> {
         let mesh = Arc::clone(&self.mesh);
         Tv::new(mesh, &self.contact, &self.sigma, &self.protocol, options)
-            .map_err(|fault| Failure::of("total variation", &fault))
+            .attempt("total variation")
     }
 
     /// Cases for a training on the tank.
@@ -154,7 +150,7 @@ impl Tank {
         let (network, report) = self
             .simulation(&settings)
             .and_then(|simulation| train_rbf_on(&simulation, &settings, &|_, _, _| {}))
-            .map_err(|fault| Failure::of("the training", &fault))?;
+            .attempt("the training")?;
         let model = Model::new(
             "rbf matched",
             Arc::clone(&self.mesh),
@@ -164,7 +160,7 @@ impl Tank {
             Report::Rbf(report),
             None,
         );
-        let model = model.map_err(|fault| Failure::of("the model", &fault))?;
+        let model = model.attempt("the model")?;
         Ok((network, model))
     }
 }

@@ -15,7 +15,7 @@ use simulator::{FrameTimes, Profile};
 use survey::{Amps, Measurement, Plan, Protocol, RangeRule, Reading, Volts, Wiring};
 
 use crate::evaluation::average;
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::judging_seed;
 use crate::progress;
 use crate::tradeoff::Effort;
@@ -176,7 +176,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
                 let plan = module.plan(electrodes, way.skip, way.half)?;
                 let seconds = times
                     .of(&plan, way.nplc, way.averages)
-                    .map_err(|fault| Failure::of("a plan in virtual time", &fault))?
+                    .attempt("a plan in virtual time")?
                     .as_secs_f64();
                 let measured = currents.iter().zip(found);
                 points.extend(measured.map(|(&current, found)| {
@@ -245,7 +245,7 @@ fn protocol(electrodes: usize, skip: usize, half: bool) -> Result<Protocol, Fail
         true => survey::half(whole).collect(),
         false => whole.collect(),
     };
-    Protocol::new(electrodes, measurements).map_err(|fault| Failure::of("the pattern", &fault))
+    Protocol::new(electrodes, measurements).attempt("the pattern")
 }
 
 impl Module {
@@ -264,12 +264,11 @@ impl Module {
             }),
             ..Scene::quiet()
         };
-        FrameTimes::new(&profile, scene).map_err(|fault| Failure::of("the simulated rig", &fault))
+        FrameTimes::new(&profile, scene).attempt("the simulated rig")
     }
 
     fn plan(&self, electrodes: usize, skip: usize, half: bool) -> Result<Plan, Failure> {
-        let wiring =
-            (self.wiring)(electrodes).map_err(|fault| Failure::of("the wiring", &fault))?;
+        let wiring = (self.wiring)(electrodes).attempt("the wiring")?;
         let protocol = protocol(electrodes, skip, half)?;
         let wiring = wiring.joining(&protocol).chained();
         Plan::new(
@@ -279,7 +278,7 @@ impl Module {
             Volts(COMPLIANCE),
             Duration::ZERO,
         )
-        .map_err(|fault| Failure::of("the plan", &fault))
+        .attempt("the plan")
     }
 }
 
@@ -297,11 +296,7 @@ struct Truth {
 impl Truth {
     fn new(sheet: &PaperSheet) -> Result<Self, Failure> {
         let failed = |fault| Failure::of("the simulated sheet", &fault);
-        let model = Arc::new(
-            sheet
-                .mesh()
-                .map_err(|fault| Failure::of("the mesh", &fault))?,
-        );
+        let model = Arc::new(sheet.mesh().attempt("the mesh")?);
         let mut phantom = Phantom::new(Scene {
             sheet: Preset::PaperSheet(PaperSheet {
                 fineness: 1.0,

@@ -7,7 +7,7 @@ use eit::model;
 
 use crate::artifact_cache::ArtifactCache;
 use crate::evaluation::{average, maps, of_frames, quantile};
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{Panel, Point};
 use crate::tradeoff::trained::{Trained, judged_sets};
@@ -113,7 +113,7 @@ fn loading(file: &Path) -> Result<f64, Failure> {
     let mut times = Vec::new();
     for _ in 0..5 {
         let start = Instant::now();
-        let model = model::load(file).map_err(|fault| Failure::of("a trained model", &fault))?;
+        let model = model::load(file).attempt("a trained model")?;
         let reconstructor = model.into_reconstructor();
         times.push(start.elapsed().as_secs_f64());
         drop(reconstructor);

@@ -8,7 +8,7 @@ use nalgebra::DVector;
 use phantom::Load;
 use survey::Protocol;
 
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::progress;
 use crate::sheet;
 use crate::tradeoff::Effort;
@@ -130,9 +130,7 @@ struct Model {
 impl Model {
     fn new(sheet: PaperSheet) -> Result<Self, Failure> {
         let start = Instant::now();
-        let mesh = sheet
-            .mesh()
-            .map_err(|fault| Failure::of("the mesh", &fault))?;
+        let mesh = sheet.mesh().attempt("the mesh")?;
         let mesh = Arc::new(mesh);
         let forward = Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m()).map_err(unsolved)?;
         let set_up_s = start.elapsed().as_secs_f64();
@@ -159,9 +157,7 @@ impl Model {
         let mut sigma = self.unloaded();
         let empty = readings(&sigma)?;
         let load = Load::disc(PRESS_MM, 10.0, 0.5);
-        let covered = load
-            .coverage(&self.mesh)
-            .map_err(|fault| Failure::of("the press", &fault))?;
+        let covered = load.coverage(&self.mesh).attempt("the press")?;
         for (triangle, share) in covered {
             sigma[triangle] *= 1.0 - load.loss * share;
         }

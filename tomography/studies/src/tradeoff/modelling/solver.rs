@@ -13,7 +13,7 @@ use survey::{Measurement, Protocol};
 
 use super::iterative::{Preconditioner, conjugate_gradients};
 use super::system::System;
-use crate::failure::Failure;
+use crate::failure::{Attempt, Failure};
 use crate::progress;
 use crate::sheet;
 use crate::stability::Number;
@@ -38,18 +38,14 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         fineness: effort.of(0.5, 1.0),
         ..PaperSheet::default()
     };
-    let mesh = Arc::new(
-        sheet
-            .mesh()
-            .map_err(|fault| Failure::of("the mesh", &fault))?,
-    );
+    let mesh = Arc::new(sheet.mesh().attempt("the mesh")?);
     let contacts = sheet.contact_ohm_m();
     let failed = |fault| Failure::of("the forward model", &fault);
     let forward = Forward::new(Arc::clone(&mesh), &contacts).map_err(failed)?;
     let protocol = sheet::protocol(sheet.electrodes())?;
     let covered = Load::disc([107.0, 115.0], DISC_MM, 0.5)
         .coverage(&mesh)
-        .map_err(|fault| Failure::of("the disc", &fault))?;
+        .attempt("the disc")?;
     let sigma0 = vec![sheet.conductance(); mesh.triangles().len()];
     let bar = progress::bar(CONTRASTS.len(), "contrasts");
     let mut points = Vec::new();
