@@ -62,7 +62,8 @@ pub enum ShardError {
 }
 
 impl ShardError {
-    pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
+    /// The error for a file or folder that cannot be read or written.
+    pub fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
         |cause| Self::Io {
             path: path.to_owned(),
             cause,

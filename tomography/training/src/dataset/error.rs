@@ -10,15 +10,6 @@ use crate::samples::{SampleError, TrainError};
 /// Why a training set or a shard cannot be made or used.
 #[derive(Debug, thiserror::Error)]
 pub enum DataSetError {
-    /// A file or folder cannot be read or written.
-    #[error("{}", .path.display())]
-    Io {
-        /// The path.
-        path: PathBuf,
-        /// The cause.
-        #[source]
-        cause: std::io::Error,
-    },
     /// A file or folder is unusable.
     #[error("{}{why}", .path.display())]
     Unusable {
@@ -33,7 +24,8 @@ pub enum DataSetError {
     /// A case cannot be solved.
     #[error("the training set")]
     Sample(#[from] SampleError),
-    /// A shard that is locked by another process, was made with other settings, was interrupted, or is missing.
+    /// A shard that is locked by another process, was made with other settings, was interrupted, or is missing; a file
+    /// or folder that cannot be read or written.
     #[error(transparent)]
     Shard(#[from] ShardError),
     /// An output file or folder cannot be written, for example because a file exists already.
@@ -42,13 +34,6 @@ pub enum DataSetError {
 }
 
 impl DataSetError {
-    pub(super) fn io(path: &Path, cause: std::io::Error) -> Self {
-        Self::Io {
-            path: path.to_owned(),
-            cause,
-        }
-    }
-
     pub(super) fn unusable(path: &Path, why: impl Into<String>) -> Self {
         Self::Unusable {
             path: path.to_owned(),

@@ -113,15 +113,11 @@ pub(super) fn refuse_others(
     let entries = match std::fs::read_dir(folder) {
         Ok(entries) => entries,
         Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-        Err(cause) => return Err(DataSetError::io(folder, cause)),
+        Err(cause) => return Err(ShardError::io(folder)(cause).into()),
     };
     let mut paths = Vec::new();
     for entry in entries {
-        paths.push(
-            entry
-                .map_err(|cause| DataSetError::io(folder, cause))?
-                .path(),
-        );
+        paths.push(entry.map_err(ShardError::io(folder))?.path());
     }
     paths.sort();
     let own = Paths::new(folder, shard);
@@ -154,7 +150,7 @@ pub(super) fn refuse_others(
 /// The header of a shard; `None` if the writing process was killed before the header was complete. `own`: the header of
 /// the shard that will be written to this file.
 fn first_line(path: &Path, own: Option<&Value>) -> Result<Option<Value>, DataSetError> {
-    let failed = |cause: std::io::Error| DataSetError::io(path, cause);
+    let failed = |cause| DataSetError::from(ShardError::io(path)(cause));
     let refused = || {
         DataSetError::unusable(
             path,

@@ -59,7 +59,7 @@ pub fn merge(
             }));
         }
         let path = Paths::new(parts, shard).whole;
-        let unreadable = |cause: std::io::Error| DataSetError::io(&path, cause);
+        let unreadable = |cause| DataSetError::from(ShardError::io(&path)(cause));
         let mut reader = BufReader::new(std::fs::File::open(&path).map_err(unreadable)?);
         let mut head = Vec::new();
         std::io::BufRead::read_until(&mut reader, b'\n', &mut head).map_err(unreadable)?;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use eit::{Case, TrainingSettings};
 use sha2::{Digest, Sha256};
+use shards::ShardError;
 
 use super::{DataSetError, contacts_and_sigma0};
 use crate::samples::{Sample, SampleError, Samples};
@@ -39,11 +40,9 @@ impl DataSet {
     /// Files that cannot be read, a set for another mesh, protocol or sheet, shards that are missing or damaged.
     pub fn open(folder: &Path, case: &Case) -> Result<Self, DataSetError> {
         let mut manifests = Vec::new();
-        let entries = std::fs::read_dir(folder).map_err(|cause| DataSetError::io(folder, cause))?;
+        let entries = std::fs::read_dir(folder).map_err(ShardError::io(folder))?;
         for entry in entries {
-            let path = entry
-                .map_err(|cause| DataSetError::io(folder, cause))?
-                .path();
+            let path = entry.map_err(ShardError::io(folder))?.path();
             if path
                 .extension()
                 .is_some_and(|extension| extension == "json")
@@ -153,7 +152,7 @@ impl DataSet {
     }
 
     fn shard(&mut self, path: &Path, cases: usize) -> Result<Shard, DataSetError> {
-        let failed = |cause: std::io::Error| DataSetError::io(path, cause);
+        let failed = |cause| DataSetError::from(ShardError::io(path)(cause));
         let file = File::open(path).map_err(failed)?;
         let mut reader = BufReader::with_capacity(1 << 16, &file);
         let mut head = Vec::new();
@@ -252,16 +251,16 @@ pub(super) fn manifest(path: &Path) -> Result<Option<serde_json::Value>, DataSet
     let text = match std::fs::read_to_string(path) {
         Ok(text) => text,
         Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(cause) => return Err(DataSetError::io(path, cause)),
+        Err(cause) => return Err(ShardError::io(path)(cause).into()),
     };
     serde_json::from_str(&text)
         .map(Some)
-        .map_err(|cause| DataSetError::io(path, cause.into()))
+        .map_err(|cause| ShardError::io(path)(cause.into()).into())
 }
 
 /// SHA-256 of a file, hex; the file is read in pieces.
 pub(super) fn hash_of(path: &Path) -> Result<String, DataSetError> {
-    let failed = |cause: std::io::Error| DataSetError::io(path, cause);
+    let failed = |cause| DataSetError::from(ShardError::io(path)(cause));
     let mut file = File::open(path).map_err(failed)?;
     let mut hasher = Sha256::new();
     let mut piece = vec![0; 1 << 20];
