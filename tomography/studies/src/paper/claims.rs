@@ -1,5 +1,7 @@
 //! The paper's claims compared with the results of this study. A disagreement is a finding, not an error.
 
+use eit::metrics::likeness;
+
 use super::experiments::{Experiments, FIGURES_AT, Outcome};
 use super::plan::{DEEP, Method, Plan, RBF, TV, Trained};
 use crate::evaluation::{average, mean_and_deviation};
@@ -392,15 +394,7 @@ fn memory(deep: &Trained, rbf: &Trained) -> Claim {
 
 /// Pearson's correlation.
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let (of_a, of_b) = (mean(a), mean(b));
-    let (mut cross, mut aa, mut bb) = (0.0, 0.0, 0.0);
-    for (a, b) in a.iter().zip(b) {
-        cross += (a - of_a) * (b - of_b);
-        aa += (a - of_a).powi(2);
-        bb += (b - of_b).powi(2);
-    }
-    cross / (aa * bb).sqrt()
+    likeness(a, b, &vec![1.0; a.len()]).correlation
 }
 
 #[cfg(test)]

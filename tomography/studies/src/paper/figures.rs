@@ -9,6 +9,7 @@ use super::experiments::{Experiments, FIGURES_AT, Outcome};
 use super::plan::{DEEP, RBF, TV};
 use super::sweeps::Sweep;
 use crate::artifact_cache::ArtifactCache;
+use crate::evaluation::average;
 use crate::failure::Failure;
 
 /// A figure written to disk.
@@ -209,7 +210,7 @@ fn both(
                 "{words} Axes: mm from the sheet's lower left corner; numbers at the rim are electrodes. Colours: change of \
                  conductance in \u{b5}S per square, the sheet's own being {:.0}; blue is lost, pale brown is gained. Dashed: the true \
                  place and size.",
-                1e6 * mean(&case.unloaded_conductance())
+                1e6 * average(case.unloaded_conductance().into_iter())
             ),
         });
     }
@@ -241,10 +242,6 @@ fn in_siemens(map: &Map, case: &Case) -> Map {
         unit: MapUnit::Conductance,
         ..map.clone()
     }
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// The sheet on which maps of a case are drawn.

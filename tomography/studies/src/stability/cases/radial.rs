@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, SVD};
 use training::rbf::train_rbf_on;
 use training::samples::{Sample, SampleError, Samples, TrainError};
 
+use crate::evaluation::mean_and_deviation;
 use crate::failure::Failure;
 use crate::readings::measured;
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
@@ -299,10 +300,8 @@ fn spread_of(set: &Made, count: usize) -> f64 {
             distances.push(squared(&set.inputs[a], &set.inputs[b]).sqrt());
         }
     }
-    let pairs = distances.len() as f64;
-    let mean = distances.iter().sum::<f64>() / pairs;
-    let square: f64 = distances.iter().map(|d| (d - mean).powi(2)).sum();
-    mean + (square / (pairs - 1.0)).sqrt()
+    let (mean, deviation) = mean_and_deviation(&distances);
+    mean + deviation
 }
 
 /// 23: the distance of a sample from itself.
