@@ -15,7 +15,7 @@ use eit::{
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::model_cache::{Cached, kept, single_current};
+use crate::model_cache::{Cached, kept};
 use crate::noise_figure::with_noise_figure;
 use crate::samples::{Noise, Progress, Samples, Simulation, Stage, TrainError, dense_target};
 use crate::symmetry::Symmetric;
@@ -29,26 +29,13 @@ const TRAINING_DISTRIBUTION: usize = 4000;
 /// cached.
 ///
 /// # Errors
-/// See [`fit`]; also readings with different currents, if `noise_v` is given.
+/// See [`fit`].
 pub fn cached(
     case: &Case,
-    noise_v: Option<f64>,
-    cases: usize,
+    settings: &TrainingSettings,
     progress: Progress<'_>,
 ) -> Result<Cached, TrainError> {
-    let usual = TrainingSettings::default();
-    let settings = TrainingSettings {
-        cases,
-        repeats: 1,
-        // a linear map has no neurons, but settings with more neurons than samples are refused
-        neurons: usual.neurons.min(cases),
-        jitter: match noise_v {
-            Some(noise_v) => matched(&[noise_v], single_current(case)?),
-            None => Jitter::paper(),
-        },
-        ..usual
-    };
-    kept(case, &settings, "linear", || {
+    kept(case, settings, "linear", || {
         fit(
             case,
             settings.clone(),

@@ -160,22 +160,24 @@ impl MethodOptions {
         let show = |stage, done, of| bars.show(stage, done, of);
         let noise_v = self.method.noise_v;
         let cases = self.cases.unwrap_or(CASES);
-        if method == Method::Linear {
-            return Ok(linear::cached(case, noise_v, cases, &show)?);
-        }
         let jitter = match noise_v {
-            Some(noise_v) => Jitter::Matched {
-                noise_v,
-                current_a: single_current(case)?,
-            },
+            Some(noise_v) => linear::matched(&[noise_v], single_current(case)?),
             None => Jitter::paper(),
         };
         let settings = TrainingSettings {
             cases,
+            // a linear map has no neurons, but settings with more neurons than samples are refused
             neurons: TrainingSettings::default().neurons.min(cases),
             jitter,
             ..TrainingSettings::default()
         };
+        if method == Method::Linear {
+            let once = TrainingSettings {
+                repeats: 1,
+                ..settings
+            };
+            return Ok(linear::cached(case, &once, &show)?);
+        }
         Ok(rbf::cached(case, &settings, &show)?)
     }
 
