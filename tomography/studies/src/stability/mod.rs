@@ -130,12 +130,82 @@ impl Table {
 
     /// The table as text.
     pub fn text(&self) -> String {
-        text(&self.0)
+        let mut text = String::from(
+            "case  name                               what is measured                                               naive      ours       bound  verdict\n",
+        );
+        let mut notes = String::new();
+        for (case, outcome) in &self.0 {
+            for (row, check) in outcome.checks.iter().enumerate() {
+                let (number, name) = match row {
+                    0 => (case.number.to_string(), case.name),
+                    _ => (String::new(), ""),
+                };
+                let naive = match &check.naive {
+                    Naive::Error(error) => figure(*error),
+                    Naive::Fails(..) => "fails".to_owned(),
+                    Naive::Absent(_) => "-".to_owned(),
+                };
+                let side = match check.side {
+                    Side::AtMost => "<=",
+                    Side::AtLeast => ">=",
+                };
+                text += &format!(
+                    "{number:>4}  {name:<34} {:<58} {naive:>9} {:>9} {:>11}  {}\n",
+                    check.what,
+                    figure(check.ours),
+                    format!("{side} {}", figure(check.bound)),
+                    verdict(check)
+                );
+            }
+            for check in &outcome.checks {
+                match &check.naive {
+                    Naive::Fails(_, instead) => {
+                        notes += &format!("{:>4}  naive: {instead}\n", case.number);
+                    }
+                    Naive::Absent(why) => {
+                        let note = format!("{:>4}  no naive form: {why}\n", case.number);
+                        if !notes.contains(&note) {
+                            notes += &note;
+                        }
+                    }
+                    Naive::Error(_) => {}
+                }
+            }
+            if !outcome.note.is_empty() {
+                notes += &format!("{:>4}  {}\n", case.number, outcome.note);
+            }
+        }
+        if !notes.is_empty() {
+            text += &format!("\n{notes}");
+        }
+        text
     }
 
     /// The table as JSON, one object per check.
     pub fn lines(&self) -> Vec<serde_json::Value> {
-        lines(&self.0)
+        let mut lines = Vec::new();
+        for (case, outcome) in &self.0 {
+            for check in &outcome.checks {
+                let (naive, breaks) = match &check.naive {
+                    Naive::Error(error) => (serde_json::json!(error), Some(true)),
+                    Naive::Fails(_, instead) => (serde_json::json!(instead), Some(true)),
+                    Naive::Absent(why) => (serde_json::json!(why), None),
+                };
+                lines.push(serde_json::json!({
+                    "case": case.number,
+                    "name": case.name,
+                    "measured": check.what,
+                    "naive": naive,
+                    "naive_breaks": breaks,
+                    "ours": check.ours,
+                    "side": match check.side { Side::AtMost => "at most", Side::AtLeast => "at least" },
+                    "bound": check.bound,
+                    "verdict": verdict(check),
+                    "note": outcome.note,
+                }));
+            }
+        }
+        lines
     }
 }
 
@@ -162,83 +232,4 @@ fn figure(value: f64) -> String {
     } else {
         format!("{value:.1e}")
     }
-}
-
-fn text(found: &[(&Case, Outcome)]) -> String {
-    let mut text = String::from(
-        "case  name                               what is measured                                               naive      ours       bound  verdict\n",
-    );
-    let mut notes = String::new();
-    for (case, outcome) in found {
-        for (row, check) in outcome.checks.iter().enumerate() {
-            let (number, name) = match row {
-                0 => (case.number.to_string(), case.name),
-                _ => (String::new(), ""),
-            };
-            let naive = match &check.naive {
-                Naive::Error(error) => figure(*error),
-                Naive::Fails(..) => "fails".to_owned(),
-                Naive::Absent(_) => "-".to_owned(),
-            };
-            let side = match check.side {
-                Side::AtMost => "<=",
-                Side::AtLeast => ">=",
-            };
-            text += &format!(
-                "{number:>4}  {name:<34} {:<58} {naive:>9} {:>9} {:>11}  {}\n",
-                check.what,
-                figure(check.ours),
-                format!("{side} {}", figure(check.bound)),
-                verdict(check)
-            );
-        }
-        for check in &outcome.checks {
-            match &check.naive {
-                Naive::Fails(_, instead) => {
-                    notes += &format!("{:>4}  naive: {instead}\n", case.number);
-                }
-                Naive::Absent(why) => {
-                    let note = format!("{:>4}  no naive form: {why}\n", case.number);
-                    if !notes.contains(&note) {
-                        notes += &note;
-                    }
-                }
-                Naive::Error(_) => {}
-            }
-        }
-        if !outcome.note.is_empty() {
-            notes += &format!("{:>4}  {}\n", case.number, outcome.note);
-        }
-    }
-    if !notes.is_empty() {
-        text += &format!("\n{notes}");
-    }
-    text
-}
-
-/// The table as JSON, one object per line.
-fn lines(found: &[(&Case, Outcome)]) -> Vec<serde_json::Value> {
-    let mut lines = Vec::new();
-    for (case, outcome) in found {
-        for check in &outcome.checks {
-            let (naive, breaks) = match &check.naive {
-                Naive::Error(error) => (serde_json::json!(error), Some(true)),
-                Naive::Fails(_, instead) => (serde_json::json!(instead), Some(true)),
-                Naive::Absent(why) => (serde_json::json!(why), None),
-            };
-            lines.push(serde_json::json!({
-                "case": case.number,
-                "name": case.name,
-                "measured": check.what,
-                "naive": naive,
-                "naive_breaks": breaks,
-                "ours": check.ours,
-                "side": match check.side { Side::AtMost => "at most", Side::AtLeast => "at least" },
-                "bound": check.bound,
-                "verdict": verdict(check),
-                "note": outcome.note,
-            }));
-        }
-    }
-    lines
 }
