@@ -13,12 +13,14 @@ use crate::MODEL;
 use crate::command::{Command, MOST_ERRORS, Pair, Pole, State, error_in_reply};
 use crate::moves::state_after;
 
+/// Added to the longest time without a command that the rig expects: for the messages to other instruments meanwhile.
+const WATCHDOG_MARGIN: Duration = Duration::from_secs(2);
+
 /// Options of the driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// The board opens everything when no command arrives for this long; zero disables the watchdog. Must be longer
-    /// than the longest reading (8 s for 200 power-line cycles with a zero reading), because no command is sent
-    /// meanwhile.
+    /// The board opens everything when no command arrives for this long; zero disables the watchdog. Extended by
+    /// [`Switch::prepare_for_silence`] if settling and reading take longer, because no command is sent meanwhile.
     pub watchdog: Duration,
     /// Wait after every move (section 3: 5 x (R_on + R_sample) x C_cable, at least 50 us).
     pub settling: Duration,
@@ -62,7 +64,9 @@ pub async fn await_banner<S: AsyncRead + Unpin>(
 pub struct GpioMux<S> {
     conversation: Conversation<S>,
     identity: String,
-    settling: Duration,
+    options: Options,
+    /// The watchdog's present time.
+    watchdog: Duration,
     /// The state last reported by the board; `None` after a fault.
     state: Option<State>,
 }
@@ -86,12 +90,19 @@ impl<S: Stream> GpioMux<S> {
         let mut board = Self {
             identity: conversation.identify(MODEL, is_board).await?,
             conversation,
-            settling: options.settling,
+            options,
+            watchdog: options.watchdog,
             state: None,
         };
-        let milliseconds = u32::try_from(options.watchdog.as_millis()).unwrap_or(u32::MAX);
-        board.send(Command::Watchdog(milliseconds)).await?;
+        board.set_watchdog(options.watchdog).await?;
         Ok(board)
+    }
+
+    async fn set_watchdog(&mut self, watchdog: Duration) -> Result<(), RigError> {
+        let milliseconds = u32::try_from(watchdog.as_millis()).unwrap_or(u32::MAX);
+        self.send(Command::Watchdog(milliseconds)).await?;
+        self.watchdog = watchdog;
+        Ok(())
     }
 
     /// The reply to `*IDN?`.
@@ -134,8 +145,8 @@ impl<S: Stream> GpioMux<S> {
                 return Err(self.conversation.mismatch(poles, meant, found));
             }
         }
-        if !commands.is_empty() && !self.settling.is_zero() {
-            tokio::time::sleep(self.settling).await;
+        if !commands.is_empty() && !self.options.settling.is_zero() {
+            tokio::time::sleep(self.options.settling).await;
         }
         Ok(())
     }
@@ -215,6 +226,15 @@ fn commands_between(from: State, to: State) -> Vec<(Command, State)> {
 }
 
 impl<S: Stream> Switch for GpioMux<S> {
+    /// Sets the watchdog to a longer time, or back to that of the options.
+    async fn prepare_for_silence(&mut self, longest: Duration) -> Result<(), RigError> {
+        let watchdog = self.options.watchdog.max(longest + WATCHDOG_MARGIN);
+        if self.options.watchdog.is_zero() || watchdog == self.watchdog {
+            return Ok(());
+        }
+        self.set_watchdog(watchdog).await
+    }
+
     /// Moves every pole to the state after the moves. Opening and closing of one pole is one command; the board breaks
     /// before it makes. No move is deferred.
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {

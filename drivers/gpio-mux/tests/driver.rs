@@ -229,3 +229,20 @@ async fn a_board_that_opened_by_itself_is_noticed_at_the_next_move() {
     let fault = board.state().await.unwrap_err();
     assert!(matches!(fault, RigError::Garbled { .. }), "{fault}");
 }
+
+#[tokio::test(start_paused = true)]
+async fn the_watchdog_waits_for_the_longest_silence() {
+    let (device, mut board) = connected().await;
+    let seconds = Duration::from_secs;
+    board.prepare_for_silence(seconds(8)).await.unwrap();
+    assert!(received(&device).is_empty());
+    for _ in 0..2 {
+        board.prepare_for_silence(seconds(60)).await.unwrap();
+    }
+    assert_eq!(received(&device), ["WDOG 62000"]);
+    board.move_relays(&[close(&[101, 202])]).await.unwrap();
+    tokio::time::advance(seconds(61)).await;
+    board.move_relays(&[close(&[303, 404])]).await.unwrap();
+    board.prepare_for_silence(seconds(1)).await.unwrap();
+    assert!(received(&device).contains(&"WDOG 10000".to_owned()));
+}

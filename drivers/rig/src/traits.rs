@@ -77,6 +77,15 @@ pub enum Move {
 /// Connects pairs of electrodes to source and voltmeter. Every method fails as those of [`CurrentSource`], and with
 /// [`RigError::Unable`] or [`RigError::WrongModule`] for a relay that the switch does not have.
 pub trait Switch: Send {
+    /// Prepares for this time between two messages while relays are closed, the longest that is planned. Without effect
+    /// on a switch that never opens relays by itself.
+    fn prepare_for_silence(
+        &mut self,
+        _longest: Duration,
+    ) -> impl Future<Output = Result<(), RigError>> + Send {
+        async { Ok(()) }
+    }
+
     /// Executes the moves in order. They may be held back and sent in one segment with the next query to the same
     /// instrument; [`Switch::settle`] ensures that the relays have moved.
     fn move_relays(&mut self, moves: &[Move]) -> impl Future<Output = Result<(), RigError>> + Send;

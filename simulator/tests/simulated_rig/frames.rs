@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
-use crate::drivers::{board_rig, frame, mainframe_rig, plan, simulated};
+use crate::drivers::{Frozen, METER, board_rig, frame, mainframe_rig, plan, simulated};
 use phantom::Scene;
-use rig::{CurrentSource, Move, Switch, Voltmeter};
+use rig::{CurrentSource, Move, Stop, Switch, Voltmeter, acquire};
 use simulator::{Instrument, Pace, Profile, SimulatedRig};
-use survey::{Amps, Dipole, Electrode, Frame, Reading, Relay, Volts, Wiring};
+use survey::{
+    Amps, Dipole, Electrode, Frame, Injection, Plan, Protocol, Reading, Relay, Volts, Wiring,
+};
 
 /// Current times transfer impedance, directly from the phantom.
 fn bare(simulated: &SimulatedRig, wiring: &Wiring) -> Vec<f64> {
@@ -279,4 +281,25 @@ async fn a_voltmeter_joined_to_nothing_reads_zero() {
         .await
         .unwrap();
     assert_eq!(meter.read().await.unwrap(), Reading::Ok(Volts(0.0)));
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_board_waits_longer_than_its_usual_watchdog() {
+    let wiring = gpio_mux::wiring(26).unwrap();
+    let few = Protocol::sheffield(26).unwrap().measurements()[..1].to_vec();
+    let injection = Injection {
+        current: Amps(1e-3),
+        compliance: Volts(4.0),
+        // no message reaches the board meanwhile
+        settle: Duration::from_secs(12),
+        reversal: true,
+    };
+    let protocol = Protocol::new(26, few).unwrap();
+    let plan = Plan::injecting(&protocol, &wiring, injection).unwrap();
+    let profile = Profile::shipped("gpio-board").unwrap();
+    let simulated = SimulatedRig::new(&profile, Scene::quiet()).unwrap();
+    let rig = board_rig(&simulated).await;
+    let frame = acquire(&rig, &plan, METER, Frozen, &Stop::never()).await;
+    assert!(matches!(frame.unwrap().readings[..], [Reading::Ok(_)]));
+    assert!(simulated.now() > Duration::from_secs(24));
 }

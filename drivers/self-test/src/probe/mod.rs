@@ -139,6 +139,9 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
             .source
             .prepare(plan.current, plan.compliance)
             .await?;
+        // no relay moves while an injection settles and is read
+        let silence = self.request.settle + self.request.meter.deadline.unwrap_or_default();
+        self.rig.switch.prepare_for_silence(silence).await?;
         let mut raw = Measured::default();
         self.prepare(self.request.meter).await?;
         // the first preparation resets the instrument, which opens every relay
