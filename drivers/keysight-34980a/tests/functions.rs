@@ -133,6 +133,12 @@ fn four_wires_take_a_channel_of_each_bank() {
     // channels of bank 2 can only be sensing channels
     talk.refuses("CONF:FRES 1000,(@1037)", "+308");
     talk.refuses("CONF:FRES (@1002);:ROUT:SCAN (@1002,1037)", "+306");
+    // configured for two wires, a channel no longer needs its sensing partner
+    talk.say("CONF:FRES (@1002);:CONF:RES (@1002,1037)");
+    assert_eq!(
+        talk.say("ROUT:SCAN?;:SYST:ERR?"),
+        "#212(@1002,1037);+0,\"No error\""
+    );
 }
 
 #[test]

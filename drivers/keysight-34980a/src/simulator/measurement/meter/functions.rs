@@ -43,7 +43,11 @@ impl Meter {
             new.push((target, settings));
         }
         if channels.is_some() {
-            let list = new.iter().filter_map(|(target, _)| *target).collect();
+            let list: Vec<Relay> = new.iter().filter_map(|(target, _)| *target).collect();
+            // removed before `set_scan`, which checks sensing partners by the functions of the channels
+            for relay in &list {
+                self.settings.channels.remove(relay);
+            }
             self.set_scan(relays, list)?;
         }
         self.settings.format.fields.clear();
