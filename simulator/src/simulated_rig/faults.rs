@@ -19,11 +19,7 @@ impl SimulatedRig {
         tracing::info!("fault: {fault}");
         match fault {
             Fault::Wire(instrument, wire) => self.set_wire(*instrument, *wire),
-            Fault::Drop(instrument) => {
-                let wire = self.shared.wires[instrument.index()].borrow().wire;
-                self.set_wire(*instrument, Wire::Cut);
-                self.set_wire(*instrument, wire);
-            }
+            Fault::Drop(instrument) => self.while_cut(*instrument, || {}),
             Fault::Replies(instrument, reply_fault, count) => {
                 let next = (*reply_fault, *count);
                 self.link_faults()[instrument.index()].next.push_back(next);
@@ -59,9 +55,7 @@ impl SimulatedRig {
             }
             Fault::Slot(..) | Fault::Module(..) | Fault::Voltmeter(_) => {
                 // A mainframe must be switched off to be opened.
-                self.set_wire(Instrument::Mainframe, Wire::Cut);
-                self.instruments().fault(fault);
-                self.set_wire(Instrument::Mainframe, Wire::Sound);
+                self.while_cut(Instrument::Mainframe, || self.instruments().fault(fault));
             }
             Fault::None => {
                 for instrument in Instrument::ALL {
@@ -71,8 +65,7 @@ impl SimulatedRig {
                     }
                 }
                 if self.instruments().has_part_removed() {
-                    self.set_wire(Instrument::Mainframe, Wire::Cut);
-                    self.set_wire(Instrument::Mainframe, Wire::Sound);
+                    self.while_cut(Instrument::Mainframe, || {});
                 }
                 self.instruments().fault(fault);
             }

@@ -240,9 +240,17 @@ impl SimulatedRig {
 
     /// Power cycle of an instrument: its settings are lost, latching relays stay, its connections break.
     pub fn power_cycle(&self, instrument: Instrument) {
+        self.while_cut(instrument, || {
+            self.instruments().power_cycle(instrument);
+        });
+    }
+
+    /// Breaks the instrument's connections while this happens; a fault of the wire lasts.
+    fn while_cut(&self, instrument: Instrument, happens: impl FnOnce()) {
+        let wire = self.shared.wires[instrument.index()].borrow().wire;
         self.set_wire(instrument, Wire::Cut);
-        self.instruments().power_cycle(instrument);
-        self.set_wire(instrument, Wire::Sound);
+        happens();
+        self.set_wire(instrument, wire);
     }
 
     /// The instrument's `*IDN?` reply, without taking its time.

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use crate::drivers::{frame, mainframe_rig, simulated};
+use crate::drivers::{frame, link, mainframe_rig, simulated};
+use keysight_34980a::Keysight34980a;
 use phantom::{Load, Scene};
 use rig::{CurrentSource, EndReason, Move, Switch, acquire};
-use simulator::{Instrument, Pace, Profile, SimulatedRig, Wire};
+use simulator::{Fault, Instrument, Pace, Profile, SimulatedRig, Wire};
 use survey::{Amps, Relay, Volts, Wiring};
 
 fn pairs() -> Wiring {
@@ -102,6 +103,25 @@ async fn a_wire_without_replies_is_a_timeout() {
     sim.set_wire(Instrument::Source, Wire::Silent);
     let fault = source.off().await.unwrap_err();
     assert!(fault.to_string().contains("did not answer"), "{fault}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cut_lasts_through_faults_of_the_instrument() {
+    let sim = simulated("pairs-34924a", Scene::quiet());
+    for fault in [
+        "reset 34980a",
+        "power-cut",
+        "slot 1 empty",
+        "voltmeter missing",
+    ] {
+        sim.set_wire(Instrument::Mainframe, Wire::Cut);
+        sim.fault(&fault.parse().unwrap()).unwrap();
+        let stream = sim.connect(Instrument::Mainframe);
+        let reached = Keysight34980a::connect(link(stream, "34980A")).await;
+        assert!(reached.is_err(), "{fault}");
+    }
+    sim.fault(&Fault::None).unwrap();
+    crate::drivers::mainframe(&sim).await;
 }
 
 #[tokio::test(start_paused = true)]
