@@ -3,34 +3,12 @@
 use std::time::Duration;
 
 use scpi::ParseError;
-use survey::Relay;
 
 use super::{Simulator34980a, Wires};
 use crate::command::{Protection, TriggerSource};
 use crate::modules::Module;
 
 impl Simulator34980a {
-    /// Makes a relay never conduct. The mainframe does not detect the fault: the state reads as commanded.
-    pub fn stick_open(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
-        self.stick(relay, Some(false), at, wires);
-    }
-
-    /// Makes a relay always conduct. The mainframe does not detect the fault.
-    pub fn stick_closed(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
-        self.stick(relay, Some(true), at, wires);
-    }
-
-    /// Ends a fault of a stuck relay.
-    pub fn unstick(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
-        self.stick(relay, None, at, wires);
-    }
-
-    fn stick(&mut self, relay: Relay, conducts: Option<bool>, at: Duration, wires: &mut dyn Wires) {
-        self.pass(at, wires);
-        self.relays.stick(relay, conducts);
-        self.relays.tell(at, wires);
-    }
-
     /// Removes the voltmeter, or installs it again.
     pub fn set_voltmeter(&mut self, installed: bool, at: Duration, wires: &mut dyn Wires) {
         self.pass(at, wires);

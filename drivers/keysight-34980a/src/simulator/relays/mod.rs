@@ -22,8 +22,6 @@ pub(crate) struct Relays {
     slots: [Slot; 8],
     closed: BTreeSet<Relay>,
     cycles: BTreeMap<Relay, u64>,
-    stuck_open: BTreeSet<Relay>,
-    stuck_closed: BTreeSet<Relay>,
 }
 
 impl Relays {
@@ -35,19 +33,12 @@ impl Relays {
             }),
             closed: BTreeSet::new(),
             cycles: BTreeMap::new(),
-            stuck_open: BTreeSet::new(),
-            stuck_closed: BTreeSet::new(),
         }
     }
 
-    /// Passes the relays that actually conduct, stuck relays included, to the wires.
+    /// Passes the closed relays to the wires.
     pub(crate) fn tell(&self, at: Duration, wires: &mut dyn Wires) {
-        if self.stuck_open.is_empty() && self.stuck_closed.is_empty() {
-            wires.relays(&self.closed, at);
-            return;
-        }
-        let conducting = &(&self.closed - &self.stuck_open) | &self.stuck_closed;
-        wires.relays(&conducting, at);
+        wires.relays(&self.closed, at);
     }
 
     pub(crate) fn closed(&self) -> &BTreeSet<Relay> {

@@ -1,4 +1,4 @@
-//! The slots of the mainframe: module, terminal block, settling time; stuck relays.
+//! The slots of the mainframe: module, terminal block, settling time.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -46,17 +46,6 @@ impl MoveTimes {
 }
 
 impl Relays {
-    /// Makes a relay conduct (true) or not conduct (false), independent of commands; `None` ends the fault.
-    pub(crate) fn stick(&mut self, relay: Relay, conducts: Option<bool>) {
-        self.stuck_open.remove(&relay);
-        self.stuck_closed.remove(&relay);
-        match conducts {
-            Some(true) => drop(self.stuck_closed.insert(relay)),
-            Some(false) => drop(self.stuck_open.insert(relay)),
-            None => {}
-        }
-    }
-
     /// Replaces or removes the module of a slot. The relays of the slot are then open.
     pub(crate) fn replace(&mut self, slot: u32, module: Option<Module>) {
         if let Some(place) = self.place_mut(slot) {
@@ -65,8 +54,6 @@ impl Relays {
                 ..Slot::default()
             };
             self.closed.retain(|relay| relay.0 / 1000 != slot);
-            self.stuck_open.retain(|relay| relay.0 / 1000 != slot);
-            self.stuck_closed.retain(|relay| relay.0 / 1000 != slot);
         }
     }
 
