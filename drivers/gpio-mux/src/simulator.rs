@@ -4,12 +4,12 @@
 //! No I/O, no clock, no physics: time and received lines are passed in, the connected electrodes are passed on to
 //! [`Poles`].
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::time::Duration;
 
 pub use scpi::Response;
 use scpi::{ErrorEntry, ErrorQueue};
-use survey::{Electrode, Relay};
+use survey::Electrode;
 
 use crate::command::{Command, MOST_ERRORS, Pole, Reply, State};
 use crate::lines::{Chip, Levels, Line, Step, steps};
@@ -19,12 +19,6 @@ pub trait Poles {
     /// Called whenever an electrode is connected to or disconnected from a pole; `joined` is in the order of
     /// [`Pole::ALL`].
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration);
-
-    /// Called at the same moments with all connections as relay numbers of a wiring: with a stuck enable a pole may
-    /// have two electrodes, and [`Poles::poles`] receives only the lower one.
-    fn contacts(&mut self, joined: &BTreeSet<Relay>, at: Duration) {
-        let _ = (joined, at);
-    }
 }
 
 /// Settings of a simulated board.
@@ -79,13 +73,7 @@ const WATCHDOG: Duration = Duration::from_millis(2000);
 #[derive(Debug)]
 pub struct SimulatorGpioMux {
     settings: Settings,
-    /// Levels set by the firmware.
     levels: Levels,
-    /// Lines that are stuck, and their levels.
-    stuck: Levels,
-    stuck_at: Levels,
-    /// Number of replies still to be lost.
-    lost: u32,
     edges: VecDeque<EdgeRecord>,
     /// Time of power on or of the last reset: time zero of the firmware's clock.
     started: Duration,
@@ -102,9 +90,6 @@ impl SimulatorGpioMux {
         Self {
             settings,
             levels: Levels::default(),
-            stuck: Levels::default(),
-            stuck_at: Levels::default(),
-            lost: 0,
             edges: VecDeque::new(),
             started: Duration::ZERO,
             last_edge: Duration::ZERO,
@@ -119,42 +104,9 @@ impl SimulatorGpioMux {
         format!("{} ready", self.identity())
     }
 
-    /// The electrodes connected now, according to the firmware.
+    /// The electrodes connected now.
     pub fn state(&self) -> State {
         self.levels.state()
-    }
-
-    /// The actual levels at the multiplexers.
-    pub fn levels(&self) -> Levels {
-        self.levels.with(self.stuck.0, self.stuck_at.0)
-    }
-
-    /// Makes a line (an enable, for example) stick at a level, whatever level the firmware sets. The firmware does not
-    /// detect the fault.
-    pub fn stick(&mut self, line: Line, level: bool, at: Duration, poles: &mut dyn Poles) {
-        self.pass(at, poles);
-        let bits = if level { line.mask() } else { 0 };
-        self.stuck = self.stuck.with(line.mask(), line.mask());
-        self.stuck_at = self.stuck_at.with(line.mask(), bits);
-        self.report_poles(at, poles);
-    }
-
-    /// Ends a fault of [`SimulatorGpioMux::stick`].
-    pub fn unstick(&mut self, line: Line, at: Duration, poles: &mut dyn Poles) {
-        self.pass(at, poles);
-        self.stuck = self.stuck.with(line.mask(), 0);
-        self.report_poles(at, poles);
-    }
-
-    /// Loses the next replies: the commands are still executed.
-    pub fn lose_replies(&mut self, count: u32) {
-        self.lost = count;
-    }
-
-    fn report_poles(&self, at: Duration, poles: &mut dyn Poles) {
-        let levels = self.levels();
-        poles.poles(levels.state().0, at);
-        poles.contacts(&levels.joined(), at);
     }
 
     /// Number of errors in the queue; never more than 20.
@@ -219,10 +171,8 @@ impl SimulatorGpioMux {
             self.errors.push(error.code, error.message.as_str());
             Reply::Refused(error)
         });
-        let lost = self.lost > 0;
-        self.lost = self.lost.saturating_sub(1);
         Response {
-            text: (!lost).then(|| reply.to_string()),
+            text: Some(reply.to_string()),
             busy: self.settings.latency,
         }
     }
@@ -331,9 +281,8 @@ impl SimulatorGpioMux {
             edge,
         });
         self.last_edge = clock.saturating_sub(self.started);
-        // An address that changes under a stuck enable connects another electrode.
-        if matches!(edge, Edge::Enable(..)) || self.stuck != Levels::default() {
-            self.report_poles(*clock, poles);
+        if matches!(edge, Edge::Enable(..)) {
+            poles.poles(self.state().0, *clock);
         }
     }
 

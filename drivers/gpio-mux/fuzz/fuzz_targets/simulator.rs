@@ -4,13 +4,12 @@
 
 #![no_main]
 
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 use gpio_mux::{Chip, Command, Edge, Poles, Settings, SimulatorGpioMux, State, error_in_reply};
 use libfuzzer_sys::fuzz_target;
 use scpi::Framer;
-use survey::{Electrode, Relay};
+use survey::Electrode;
 
 const LONGEST: usize = 256;
 
@@ -24,10 +23,6 @@ impl Poles for Watched {
     fn poles(&mut self, joined: [Option<Electrode>; 4], _: Duration) {
         assert!(joined[0].is_none() || joined[0] != joined[1]);
         self.joined = joined;
-    }
-
-    fn contacts(&mut self, joined: &BTreeSet<Relay>, _: Duration) {
-        assert!(joined.len() <= 4);
     }
 }
 
