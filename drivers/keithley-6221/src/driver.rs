@@ -36,24 +36,6 @@ impl<S: Stream> Keithley6221<S> {
         })
     }
 
-    /// Replaces the connection, and checks that the same instrument (same serial number) is at its other end. The
-    /// source must be prepared again.
-    ///
-    /// # Errors
-    /// [`RigError::WrongInstrument`], or an error of the link.
-    pub async fn reconnect(&mut self, stream: S) -> Result<(), RigError> {
-        self.range = None;
-        self.conversation.link_mut().replace(stream);
-        let serial = self.identity.split(',').nth(2).map(str::trim);
-        let is_same = |fields: &[&str]| {
-            let found = fields.get(2).copied();
-            is_6221(fields)
-                && found.map(str::to_ascii_uppercase) == serial.map(str::to_ascii_uppercase)
-        };
-        self.conversation.identify(&self.identity, is_same).await?;
-        self.conversation.drain_errors().await
-    }
-
     /// The reply to `*IDN?`.
     pub fn identity(&self) -> &str {
         &self.identity

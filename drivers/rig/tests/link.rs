@@ -140,7 +140,7 @@ proptest! {
                     Err(_) => {
                         assert!(!link.is_synchronised());
                         assert!(matches!(link.ask("Q0?").await, Err(LinkError::Unsynchronised { .. })));
-                        link.replace(open());
+                        link = Link::new(open(), "peer", DEADLINE);
                     }
                 }
                 // A duplicate arrives within 5 ms; one that arrives after the next query cannot be detected.

@@ -1,9 +1,9 @@
 //! The link: all waiting for an instrument's I/O.
 //!
 //! A message is sent in one segment; its reply is one line. Any other outcome (a timeout, a second line, a dropped
-//! future) leaves the link *unsynchronised*: all further messages are refused until its stream is replaced
-//! ([`Link::replace`]) or the peer has echoed two numbers just sent to it ([`Link::resynchronise`]). Therefore a late
-//! reply can never be taken for the next one.
+//! future) leaves the link *unsynchronised*: all further messages are refused until the peer has echoed two numbers just
+//! sent to it ([`Link::resynchronise`]); otherwise a new connection needs a new link. Therefore a late reply can never be
+//! taken for the next one.
 
 mod error;
 pub(crate) mod half_open;
@@ -100,18 +100,9 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.deadline
     }
 
-    /// Whether queries are possible; `false` after a fault until [`Link::replace`] or [`Link::resynchronise`].
+    /// Whether queries are possible; `false` after a fault until [`Link::resynchronise`].
     pub fn is_synchronised(&self) -> bool {
         self.state == State::Synchronised
-    }
-
-    /// Replaces the connection; the old one is dropped with any exchange in progress.
-    pub fn replace(&mut self, stream: S) {
-        self.stream = stream;
-        self.received.clear();
-        self.nonces.clear();
-        self.enable = None;
-        self.state = State::Synchronised;
     }
 
     /// Sends a message that has no reply, in one segment.
