@@ -63,28 +63,6 @@ impl Kind {
         }
     }
 
-    /// Whether [`Kind::read`] can return this value.
-    pub fn allows(self, value: f64) -> bool {
-        match self {
-            Kind::Real {
-                limits: [min, max, _],
-                endless,
-                ..
-            } => (min..=max).contains(&value) || (endless && value == f64::INFINITY),
-            Kind::Whole {
-                limits: [min, max, _],
-                endless,
-            } => {
-                ((min..=max).contains(&value) && value == value.round())
-                    || (endless && value == f64::INFINITY)
-            }
-            Kind::Switch(_) => value == 0.0 || value == 1.0,
-            Kind::Choice(words) => {
-                value == value.round() && (0.0..words.len() as f64).contains(&value)
-            }
-        }
-    }
-
     /// The value in the instrument's reply.
     pub(crate) fn read_back(self, value: f64) -> String {
         match self {
