@@ -38,7 +38,6 @@ pub(crate) mod syntax;
 pub use crate::syntax::argument::{Argument, Numeric};
 pub use crate::syntax::call::Call;
 pub use crate::syntax::header::Pattern;
-pub use crate::syntax::keyword::short_form;
 pub use crate::syntax::unit::Unit;
 pub use channel_list::{ChannelEntry, ChannelList};
 pub use common_command::Common;

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::reading::{INFINITY, NOT_A_NUMBER, format_block, quote};
-use crate::{Answer, ChannelList, ParseError, Unit, parse_reading, short_form};
+use crate::{Answer, ChannelList, ParseError, Unit, parse_reading};
 
 /// A numeric argument.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,6 +23,13 @@ pub enum Numeric {
     /// NAN or 9.91E37.
     NotANumber,
 }
+
+/// The words for limits.
+const LIMITS: [(&str, Numeric); 3] = [
+    ("MINimum", Numeric::Min),
+    ("MAXimum", Numeric::Max),
+    ("DEFault", Numeric::Def),
+];
 
 impl Numeric {
     /// The value, with MIN, MAX and DEF replaced, if it lies between `min` and `max`.
@@ -102,15 +109,12 @@ impl Argument {
                     Ok(Numeric::Value(value))
                 }
             }
-            Argument::Word(word) if is_keyword(word, "MINIMUM") => Ok(Numeric::Min),
-            Argument::Word(word) if is_keyword(word, "MAXIMUM") => Ok(Numeric::Max),
-            Argument::Word(word) if is_keyword(word, "DEFAULT") => Ok(Numeric::Def),
-            Argument::Word(word) => match parse_reading(word) {
+            Argument::Word(word) => self.choice(&LIMITS).or_else(|_| match parse_reading(word) {
                 Ok(Answer::Overload { negative: false }) => Ok(Numeric::Infinity),
                 Ok(Answer::Overload { negative: true }) => Ok(Numeric::NegativeInfinity),
                 Ok(Answer::NotANumber) => Ok(Numeric::NotANumber),
                 Ok(Answer::Value(_)) | Err(_) => Err(ParseError::CharacterNotAllowed),
-            },
+            }),
             other => Err(other.not_allowed()),
         }
     }
@@ -224,10 +228,6 @@ impl Argument {
             Argument::Expression(_) => ParseError::ExpressionNotAllowed,
         }
     }
-}
-
-fn is_keyword(word: &str, long: &str) -> bool {
-    word.eq_ignore_ascii_case(long) || word.eq_ignore_ascii_case(&short_form(long))
 }
 
 /// Writes the argument so that parsing gives the same value. A block with bytes that are not text is shown with

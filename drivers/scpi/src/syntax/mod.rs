@@ -4,6 +4,5 @@
 pub(crate) mod argument;
 pub(crate) mod call;
 pub(crate) mod header;
-pub(crate) mod keyword;
 pub(crate) mod reader;
 pub(crate) mod unit;
