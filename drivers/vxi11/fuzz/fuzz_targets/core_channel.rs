@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use libfuzzer_sys::fuzz_target;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use vxi11::{Client, CoreChannel, Device, LineFramer, Refusal, Session};
+use vxi11::{Client, CoreChannel, Device, MessageFramer, Oversized, Refusal, Session};
 
 /// A device that repeats each message.
 #[derive(Clone)]
@@ -51,6 +51,53 @@ impl Session for Echo {
 
     async fn status_byte(&self) -> u8 {
         0xff
+    }
+}
+
+/// A framer for devices whose messages end with a line feed.
+#[derive(Debug)]
+struct LineFramer {
+    bytes: Vec<u8>,
+    longest: usize,
+}
+
+impl LineFramer {
+    /// A framer for messages of at most `longest` bytes.
+    fn new(longest: usize) -> Self {
+        Self {
+            bytes: Vec::new(),
+            longest,
+        }
+    }
+}
+
+impl MessageFramer for LineFramer {
+    fn push(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+        // One byte over the limit marks a message as too long; further bytes need not be kept.
+        let ended = self.bytes.iter().rposition(|byte| *byte == b'\n');
+        let begun = ended.map_or(0, |end| end + 1);
+        self.bytes
+            .truncate(self.bytes.len().min(begun + self.longest + 1));
+    }
+
+    fn next_message(&mut self) -> Option<Result<Vec<u8>, Oversized>> {
+        let end = self.bytes.iter().position(|byte| *byte == b'\n')?;
+        let mut message: Vec<u8> = self.bytes.drain(..=end).collect();
+        message.pop();
+        Some(if message.len() > self.longest {
+            Err(Oversized)
+        } else {
+            Ok(message)
+        })
+    }
+
+    fn is_partial(&self) -> bool {
+        self.bytes.last().is_some_and(|byte| *byte != b'\n')
+    }
+
+    fn clear(&mut self) {
+        self.bytes.clear();
     }
 }
 

@@ -7,4 +7,4 @@ mod link;
 mod port;
 
 pub use core_channel::CoreChannel;
-pub use device::{Device, LineFramer, MessageFramer, Oversized, Refusal, Session};
+pub use device::{Device, MessageFramer, Oversized, Refusal, Session};
