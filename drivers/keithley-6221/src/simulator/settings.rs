@@ -17,12 +17,6 @@ pub struct Settings6221 {
     pub interlock_time: Duration,
     /// Entries of the error queue (fact sheet, section 6: assumed).
     pub queue_depth: usize,
-    /// Whether the network port serves one client at a time (fact sheet, section 1: assumed). The simulator has no
-    /// connections; its server enforces this.
-    pub one_client: bool,
-    /// Time for which the network port stays occupied after the connection to a client was lost (fact sheet, section 1:
-    /// not known). Enforced by the simulator's server.
-    pub slot_held: Duration,
 }
 
 impl Default for Settings6221 {
@@ -34,8 +28,6 @@ impl Default for Settings6221 {
             range_time: Duration::from_millis(10),
             interlock_time: Duration::ZERO,
             queue_depth: 10,
-            one_client: true,
-            slot_held: Duration::ZERO,
         }
     }
 }
