@@ -8,7 +8,6 @@ mod checks;
 mod relay_life;
 mod unit;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -20,7 +19,7 @@ use scpi::Common;
 use survey::{Reading, Relay, Volts};
 use tokio::sync::Mutex;
 
-use crate::command::{Command, HeaderForm, MOST_SWEEPS, Quantity, Route, System};
+use crate::command::{Command, MOST_SWEEPS, Route, System};
 use crate::meter::{INTEGRATION, RANGES};
 use crate::modules::Module;
 use unit::{Prepared, Unit, compact};
@@ -127,12 +126,6 @@ impl<S: Stream> Keysight34980a<S> {
     /// The module types as reported for slots 1 to 8, also of unknown modules; `None` for an empty slot.
     pub fn cards(&self) -> &[Option<String>; 8] {
         &self.identification.cards
-    }
-
-    /// The form of header that the instrument has accepted for autozero and input impedance; empty before the first
-    /// preparation.
-    pub async fn accepted_headers(&self) -> BTreeMap<Quantity, HeaderForm> {
-        self.unit.lock().await.headers.clone()
     }
 
     /// Converts relay moves to commands, after checking that each relay exists.

@@ -10,7 +10,7 @@ mod stand_in;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use keysight_34980a::{HeaderForm, Keysight34980a, Quantity, Settings34980a, Simulator34980a};
+use keysight_34980a::{HeaderForm, Keysight34980a, Settings34980a, Simulator34980a};
 use rig::{
     ChainedReading, Link, LinkError, MeterSettings, Move, RigError, Sample, Switch, Voltmeter,
 };
