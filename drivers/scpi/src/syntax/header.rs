@@ -130,13 +130,6 @@ impl Pattern {
         };
         found.then_some(suffixes)
     }
-
-    /// The nodes as (short, long) forms in capitals.
-    pub fn keywords(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.nodes
-            .iter()
-            .map(|node| (node.short.as_str(), node.long.as_str()))
-    }
 }
 
 /// Matches the keyword against the first node, then, if that is optional, against the next. A notation has few optional
