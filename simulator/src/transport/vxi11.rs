@@ -15,13 +15,6 @@ use crate::{Instrument, SimulatedRig};
 #[derive(Debug, Clone)]
 pub(crate) struct Mainframe(pub(crate) SimulatedRig);
 
-impl SimulatedRig {
-    /// The mainframe's core channel, in memory; [`crate::serve`] gives it a port.
-    pub fn core_channel(&self) -> vxi11::CoreChannel<impl Device + use<>> {
-        vxi11::CoreChannel::new(Mainframe(self.clone()))
-    }
-}
-
 impl Device for Mainframe {
     type Session = ClientSession;
 
