@@ -38,6 +38,7 @@ pub(crate) mod syntax;
 pub use crate::syntax::argument::{Argument, Numeric};
 pub use crate::syntax::call::Call;
 pub use crate::syntax::header::Pattern;
+pub use crate::syntax::table::Table;
 pub use crate::syntax::unit::Unit;
 pub use channel_list::{ChannelEntry, ChannelList};
 pub use common_command::Common;

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 use std::sync::LazyLock;
 
-use scpi::{Argument, Call, Common, ParseError, Pattern, Unit, parse_message};
+use scpi::{Argument, Call, Common, ParseError, Table, Unit, parse_message};
 use survey::{Amps, Volts};
 
 use super::vocabulary::{
@@ -67,44 +67,21 @@ pub(super) const PLAIN: &[(&str, Command)] = &[
     ("SYSTem:COMMunicate:ETHernet:SAVE", Command::SaveAddresses),
 ];
 
-type Reader = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
-
-/// A header, whether it is a query, and its command.
-struct Row {
-    pattern: Pattern,
-    query: bool,
-    read: Reader,
-}
-
-fn row(
-    rows: &mut Vec<Row>,
-    notation: &str,
-    read: impl Fn(&Call) -> Result<Command, ParseError> + Send + Sync + 'static,
-) {
-    rows.push(Row {
-        pattern: Pattern::new(notation),
-        query: notation.ends_with('?'),
-        read: Box::new(read),
-    });
-}
-
 /// The grammar, with its notation parsed once.
-static GRAMMAR: LazyLock<Vec<Row>> = LazyLock::new(|| {
-    let mut rows = Vec::new();
-    source(&mut rows);
+static GRAMMAR: LazyLock<Table<Command>> = LazyLock::new(|| {
+    let mut table = Table::default();
+    source(&mut table);
     for (notation, command) in PLAIN {
-        row(&mut rows, notation, |call| {
-            call.exactly::<0>().map(|_| command.clone())
-        });
+        table.plain(notation, command.clone());
     }
     for &parameter in Parameter::ALL {
-        row(&mut rows, parameter.notation(), move |call| {
+        table.add(parameter.notation(), move |call| {
             let [value] = call.exactly()?;
             let value = parameter.kind().read(value)?;
             Ok(Command::SetParameter(parameter, value))
         });
         let query = format!("{}?", parameter.notation());
-        row(&mut rows, &query, move |call| {
+        table.add(&query, move |call| {
             if parameter.kind().is_number() {
                 Ok(Command::Parameter(parameter, ask(call)?))
             } else {
@@ -113,116 +90,96 @@ static GRAMMAR: LazyLock<Vec<Row>> = LazyLock::new(|| {
             }
         });
     }
-    lists(&mut rows);
-    status_and_system(&mut rows);
-    rows
+    lists(&mut table);
+    status_and_system(&mut table);
+    table
 });
 
-fn source(rows: &mut Vec<Row>) {
+fn source(table: &mut Table<Command>) {
     const LEVEL: &str = "[SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]";
-    row(rows, LEVEL, |call| current(call).map(Command::SetLevel));
-    row(rows, &format!("{LEVEL}?"), |call| {
-        ask(call).map(Command::Level)
-    });
-    row(rows, "[SOURce]:CURRent:RANGe", |call| {
+    table.add(LEVEL, |call| current(call).map(Command::SetLevel));
+    table.add(&format!("{LEVEL}?"), |call| ask(call).map(Command::Level));
+    table.add("[SOURce]:CURRent:RANGe", |call| {
         range(call).map(Command::SetRange)
     });
-    row(rows, "[SOURce]:CURRent:RANGe?", |call| {
+    table.add("[SOURce]:CURRent:RANGe?", |call| {
         ask(call).map(Command::Range)
     });
-    row(rows, "[SOURce]:CURRent:RANGe:AUTO", |call| {
-        boolean(call).map(Command::SetAutorange)
-    });
-    row(rows, "[SOURce]:CURRent:COMPliance", |call| {
+    table.switch("[SOURce]:CURRent:RANGe:AUTO", Command::SetAutorange);
+    table.add("[SOURce]:CURRent:COMPliance", |call| {
         limit(call).map(Command::SetCompliance)
     });
-    row(rows, "[SOURce]:CURRent:COMPliance?", |call| {
+    table.add("[SOURce]:CURRent:COMPliance?", |call| {
         ask(call).map(Command::Compliance)
     });
-    row(rows, "[SOURce]:CURRent:FILTer[:STATe]", |call| {
-        boolean(call).map(Command::SetFilter)
-    });
-    row(rows, "OUTPut[:STATe]", |call| {
-        boolean(call).map(Command::SetOutput)
-    });
-    row(rows, "OUTPut:ISHield", |call| {
+    table.switch("[SOURce]:CURRent:FILTer[:STATe]", Command::SetFilter);
+    table.switch("OUTPut[:STATe]", Command::SetOutput);
+    table.add("OUTPut:ISHield", |call| {
         let [shield] = call.exactly()?;
         shield.choice(&SHIELDS).map(Command::SetShield)
     });
-    row(rows, "OUTPut:LTEarth", |call| {
-        boolean(call).map(Command::SetLowToEarth)
-    });
-    row(rows, "OUTPut:RESPonse", |call| {
+    table.switch("OUTPut:LTEarth", Command::SetLowToEarth);
+    table.add("OUTPut:RESPonse", |call| {
         let [speed] = call.exactly()?;
         speed.choice(&SPEEDS).map(Command::SetSpeed)
     });
     for (name, mode) in MODES {
-        row(rows, &format!("[SOURce]:{name}:NVPResent?"), move |call| {
-            plain(call, Command::DeltaPresent(mode))
-        });
-        row(rows, &format!("[SOURce]:{name}:ARM"), move |call| {
-            plain(call, Command::ArmDelta(mode))
-        });
-        row(rows, &format!("[SOURce]:{name}:ARM?"), move |call| {
-            plain(call, Command::DeltaArmed(mode))
-        });
+        table.plain(
+            &format!("[SOURce]:{name}:NVPResent?"),
+            Command::DeltaPresent(mode),
+        );
+        table.plain(&format!("[SOURce]:{name}:ARM"), Command::ArmDelta(mode));
+        table.plain(&format!("[SOURce]:{name}:ARM?"), Command::DeltaArmed(mode));
     }
 }
 
-fn lists(rows: &mut Vec<Row>) {
+fn lists(table: &mut Table<Command>) {
     for (values, more, list) in LISTS {
-        row(rows, values, move |call| {
+        table.add(values, move |call| {
             Ok(Command::SetList(list, list_values(list, &call.arguments)?))
         });
-        row(rows, more, move |call| {
+        table.add(more, move |call| {
             Ok(Command::AppendList(
                 list,
                 list_values(list, &call.arguments)?,
             ))
         });
-        row(rows, &format!("{values}?"), move |call| {
-            plain(call, Command::List(list))
-        });
+        table.plain(&format!("{values}?"), Command::List(list));
         let count = values.trim_end_matches(":DATA");
-        row(rows, &format!("{count}:POINts?"), move |call| {
-            plain(call, Command::ListLength(list))
-        });
+        table.plain(&format!("{count}:POINts?"), Command::ListLength(list));
     }
-    row(rows, "[SOURce]:WAVE:ARBitrary:COPY", |call| {
+    table.add("[SOURce]:WAVE:ARBitrary:COPY", |call| {
         place(call, 1, 4).map(Command::CopyWave)
     });
-    row(rows, "FORMat:ELEMents", |call| {
+    table.add("FORMat:ELEMents", |call| {
         elements(&call.arguments).map(Command::SetElements)
     });
 }
 
-fn status_and_system(rows: &mut Vec<Row>) {
+fn status_and_system(table: &mut Table<Command>) {
     for (name, group) in GROUPS {
-        row(rows, &format!("STATus:{name}[:EVENt]?"), move |call| {
-            plain(call, Command::Events(group))
-        });
-        row(rows, &format!("STATus:{name}:CONDition?"), move |call| {
-            plain(call, Command::Conditions(group))
-        });
-        row(rows, &format!("STATus:{name}:ENABle?"), move |call| {
-            plain(call, Command::Enable(group))
-        });
-        row(rows, &format!("STATus:{name}:ENABle"), move |call| {
+        table.plain(&format!("STATus:{name}[:EVENt]?"), Command::Events(group));
+        table.plain(
+            &format!("STATus:{name}:CONDition?"),
+            Command::Conditions(group),
+        );
+        table.plain(&format!("STATus:{name}:ENABle?"), Command::Enable(group));
+        table.add(&format!("STATus:{name}:ENABle"), move |call| {
             let [mask] = call.exactly()?;
             // The limits are those of u16.
             let mask = mask.integer(0, 65535)? as u16;
             Ok(Command::SetEnable(group, mask))
         });
     }
-    row(rows, "STATus:QUEue:ENABle", |call| {
+    table.add("STATus:QUEue:ENABle", |call| {
         numbers(call).map(Command::EnableErrors)
     });
-    row(rows, "STATus:QUEue:DISable", |call| {
+    table.add("STATus:QUEue:DISable", |call| {
         numbers(call).map(Command::DisableErrors)
     });
     for (window, line, most) in LINES {
         let text = format!("{window}:TEXT[:DATA]");
-        row(rows, &text, move |call| {
+        table.add(&text, move |call| {
             let [text] = call.exactly()?;
             let text = text.string()?;
             match text.chars().count() <= most {
@@ -230,16 +187,15 @@ fn status_and_system(rows: &mut Vec<Row>) {
                 false => Err(ParseError::TooMuchData),
             }
         });
-        row(rows, &format!("{text}?"), move |call| {
-            plain(call, Command::Text(line))
-        });
-        row(rows, &format!("{window}:ATTRibutes?"), move |call| {
-            plain(call, Command::TextAttributes(line))
-        });
+        table.plain(&format!("{text}?"), Command::Text(line));
+        table.plain(
+            &format!("{window}:ATTRibutes?"),
+            Command::TextAttributes(line),
+        );
     }
-    row(rows, "*SAV", |call| place(call, 0, 4).map(Command::Save));
-    row(rows, "*RCL", |call| place(call, 0, 4).map(Command::Recall));
-    row(rows, "SYSTem:BEEPer[:IMMediate]", |call| {
+    table.add("*SAV", |call| place(call, 0, 4).map(Command::Save));
+    table.add("*RCL", |call| place(call, 0, 4).map(Command::Recall));
+    table.add("SYSTem:BEEPer[:IMMediate]", |call| {
         let [hertz, seconds] = call.exactly()?;
         Ok(Command::Beep {
             hertz: hertz.number(Unit::Hertz)?.within(65.0, 2e6, 65.0)?,
@@ -248,27 +204,27 @@ fn status_and_system(rows: &mut Vec<Row>) {
     });
     for (name, address) in ADDRESSES {
         let notation = format!("SYSTem:COMMunicate:ETHernet:{name}");
-        row(rows, &notation, move |call| {
+        table.add(&notation, move |call| {
             let [text] = call.exactly()?;
             let words = text.string()?.trim();
             let words = words.parse().map_err(|_| ParseError::IllegalParameter)?;
             Ok(Command::SetAddress(address, words))
         });
-        row(rows, &format!("{notation}?"), move |call| {
-            plain(call, Command::Address(address))
-        });
+        table.plain(&format!("{notation}?"), Command::Address(address));
     }
-    row(rows, "SYSTem:COMMunicate:SERial:SEND", |call| {
+    table.add("SYSTem:COMMunicate:SERial:SEND", |call| {
         let [line] = call.exactly()?;
         Ok(Command::SerialSend(line.string()?.to_owned()))
     });
     for (name, board) in BOARDS {
-        row(rows, &format!("SYSTem:{name}:SNUMber?"), move |call| {
-            plain(call, Command::BoardSerial(board))
-        });
-        row(rows, &format!("SYSTem:{name}:REVision?"), move |call| {
-            plain(call, Command::BoardRevision(board))
-        });
+        table.plain(
+            &format!("SYSTem:{name}:SNUMber?"),
+            Command::BoardSerial(board),
+        );
+        table.plain(
+            &format!("SYSTem:{name}:REVision?"),
+            Command::BoardRevision(board),
+        );
     }
 }
 
@@ -281,10 +237,7 @@ impl Command {
         if let Some(common) = Common::of(call) {
             return common.map(Command::Common);
         }
-        GRAMMAR
-            .iter()
-            .find(|row| call.query == row.query && row.pattern.matches(call))
-            .map_or(Err(ParseError::UndefinedHeader), |row| (row.read)(call))
+        GRAMMAR.read(call)
     }
 }
 
@@ -324,14 +277,6 @@ fn numbers(call: &Call) -> Result<Vec<[i32; 2]>, ParseError> {
     entries
         .filter(|_| inside.is_some())
         .ok_or(ParseError::InvalidExpression)
-}
-
-fn plain(call: &Call, command: Command) -> Result<Command, ParseError> {
-    call.exactly::<0>().map(|_| command)
-}
-
-fn boolean(call: &Call) -> Result<bool, ParseError> {
-    call.exactly::<1>().and_then(|[value]| value.boolean())
 }
 
 fn current(call: &Call) -> Result<Amps, ParseError> {

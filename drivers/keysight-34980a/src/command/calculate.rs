@@ -3,11 +3,9 @@
 
 use std::fmt;
 
-use scpi::{Call, ChannelList, Numeric, ParseError, Unit, quote};
+use scpi::{ChannelList, Numeric, ParseError, Unit, quote};
 
-use super::grammar::{
-    Table, before_channels, limit, list, only_channels, plain, value_and_channels,
-};
+use super::grammar::{Table, before_channels, limit, list, only_channels, value_and_channels};
 use super::{Channels, OnOff, QueryList, TrailingList, word};
 
 /// A limit of a channel's readings.
@@ -170,11 +168,9 @@ pub(super) fn rows(table: &mut Table) {
         table.add(&notation, move |call| {
             list(call).map(|channels| C::SetAlarmSource(alarm, channels))
         });
-        table.add(&format!("{notation}?"), move |call: &Call| {
-            plain(call, C::AlarmSource(alarm))
-        });
+        table.plain(&format!("{notation}?"), C::AlarmSource(alarm));
     }
-    table.add("SYSTem:ALARm?", |call| plain(call, C::NextAlarm));
+    table.plain("SYSTem:ALARm?", C::NextAlarm);
 }
 
 /// A unit of scaled readings: letters, digits, underscore, blank, `#`.

@@ -1,44 +1,11 @@
-//! The table of headers, and parsers of arguments that several chapters share.
+//! Parsers of arguments that several chapters share.
 
-use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Pattern, Unit};
+use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Unit};
 
 use super::{Channels, Command};
 
-/// Converts a call with a known header to a command.
-pub(super) type Reader = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
-
 /// Headers with their commands.
-#[derive(Default)]
-pub(super) struct Table(Vec<(bool, Pattern, Reader)>);
-
-impl Table {
-    /// Adds a header in the manual's notation, ending in `?` for queries.
-    pub(super) fn add<C: Into<Command>>(
-        &mut self,
-        notation: &str,
-        read: impl Fn(&Call) -> Result<C, ParseError> + Send + Sync + 'static,
-    ) {
-        let read: Reader = Box::new(move |call| read(call).map(Into::into));
-        self.0
-            .push((notation.ends_with('?'), Pattern::new(notation), read));
-    }
-
-    /// Parses a call by the first row that matches its header.
-    ///
-    /// # Errors
-    /// -113 if no row matches, or the error of the arguments.
-    pub(super) fn read(&self, call: &Call) -> Result<Command, ParseError> {
-        self.0
-            .iter()
-            .find(|(query, pattern, _)| *query == call.query && pattern.matches(call))
-            .map_or(Err(ParseError::UndefinedHeader), |(_, _, read)| read(call))
-    }
-}
-
-/// Reads a command without arguments.
-pub(super) fn plain<C>(call: &Call, command: C) -> Result<C, ParseError> {
-    call.exactly::<0>().map(|_| command)
-}
+pub(super) type Table = scpi::Table<Command>;
 
 /// Reads a channel list as the only argument.
 pub(super) fn list(call: &Call) -> Result<ChannelList, ParseError> {

@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use scpi::{Call, Numeric, Unit};
+use scpi::{Numeric, Unit};
 
-use super::grammar::{Table, limit, only_channels, plain};
+use super::grammar::{Table, limit, only_channels};
 use super::sense::{volts, write_volts};
 use super::{Channels, OnOff, QueryList, Range, word};
 
@@ -143,8 +143,8 @@ pub(super) fn rows(table: &mut Table) {
             channels,
         })
     });
-    table.add("INITiate[:IMMediate]", |call| plain(call, M::Initiate));
-    table.add("FETCh?", |call| plain(call, M::Fetch));
+    table.plain("INITiate[:IMMediate]", M::Initiate);
+    table.plain("FETCh?", M::Fetch);
     table.add("R?", |call| match call.at_most_one()? {
         None => Ok(M::ReadAndErase(None)),
         Some(most) => Ok(M::ReadAndErase(
@@ -155,21 +155,19 @@ pub(super) fn rows(table: &mut Table) {
         let [count] = call.exactly()?;
         Ok(M::Remove(count.integer(1, MOST_READINGS)? as u32))
     });
-    table.add("DATA:POINts?", |call| plain(call, M::Points));
+    table.plain("DATA:POINts?", M::Points);
     table.add("DATA:LAST?", |call| only_channels(call).map(M::Last));
     table.add("DATA:POINts:EVENt:THReshold", |call| {
         let [count] = call.exactly()?;
         Ok(M::SetThreshold(count.integer(1, MOST_READINGS)? as u32))
     });
-    table.add("DATA:POINts:EVENt:THReshold?", |call| {
-        plain(call, M::Threshold)
-    });
-    table.add("ABORt", |call| plain(call, M::Abort));
+    table.plain("DATA:POINts:EVENt:THReshold?", M::Threshold);
+    table.plain("ABORt", M::Abort);
     table.add("TRIGger:SOURce", |call| {
         let [source] = call.exactly()?;
         source.choice(&SOURCES).map(M::SetSource)
     });
-    table.add("TRIGger:SOURce?", |call| plain(call, M::Source));
+    table.plain("TRIGger:SOURce?", M::Source);
     table.add("TRIGger:TIMer", |call| {
         let [time] = call.exactly()?;
         let time = time
@@ -220,24 +218,17 @@ pub(super) fn rows(table: &mut Table) {
         let delay = (!on.boolean()?).then_some(0.0);
         Ok(M::SetTriggerDelay(delay))
     });
-    table.add("TRIGger:DELay:AUTO?", |call| {
-        plain(call, M::TriggerDelayAuto)
-    });
+    table.plain("TRIGger:DELay:AUTO?", M::TriggerDelayAuto);
     table.add("FORMat:READing:TIME:TYPE", |call| {
         let [choice] = call.exactly()?;
         choice.choice(&TIMES).map(M::SetAbsoluteTime)
     });
-    table.add("FORMat:READing:TIME:TYPE?", |call| {
-        plain(call, M::AbsoluteTime)
-    });
+    table.plain("FORMat:READing:TIME:TYPE?", M::AbsoluteTime);
     for (name, field) in FIELDS {
-        table.add(&format!("FORMat:READing:{name}"), move |call: &Call| {
-            let [on] = call.exactly()?;
-            on.boolean().map(|on| M::SetField(field, on))
+        table.switch(&format!("FORMat:READing:{name}"), move |on| {
+            M::SetField(field, on)
         });
-        table.add(&format!("FORMat:READing:{name}?"), move |call: &Call| {
-            plain(call, M::Field(field))
-        });
+        table.plain(&format!("FORMat:READing:{name}?"), M::Field(field));
     }
 }
 

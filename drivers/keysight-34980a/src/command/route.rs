@@ -4,7 +4,7 @@ use std::fmt;
 
 use scpi::{Call, ChannelList, ParseError, quote};
 
-use super::grammar::{Table, before_channels, list, numbered, one_or, plain};
+use super::grammar::{Table, before_channels, list, numbered, one_or};
 use super::{Message, OnOff};
 use crate::command::Command;
 
@@ -107,13 +107,8 @@ pub(super) fn rows(table: &mut Table) {
     table.add("ROUTe:OPEN:ABUS", |call| {
         one_or(call.at_most_one()?, "ABUS", "ALL", 4).map(R::OpenBuses)
     });
-    table.add("ROUTe:OPERation:OVERlap[:ENABle]", |call| {
-        let [on] = call.exactly()?;
-        on.boolean().map(R::SetOverlap)
-    });
-    table.add("ROUTe:OPERation:OVERlap[:ENABle]?", |call| {
-        plain(call, R::Overlap)
-    });
+    table.switch("ROUTe:OPERation:OVERlap[:ENABle]", R::SetOverlap);
+    table.plain("ROUTe:OPERation:OVERlap[:ENABle]?", R::Overlap);
     table.add("ROUTe:MODule:BUSY?", move |call| {
         slot(call, "ANY").map(R::ModuleBusy)
     });
@@ -123,13 +118,10 @@ pub(super) fn rows(table: &mut Table) {
     table.add("ROUTe:SCAN", |call| list(call).map(R::SetScan));
     table.add("ROUTe:SCAN:ADD", |call| list(call).map(R::AddScan));
     table.add("ROUTe:SCAN:REMove", |call| list(call).map(R::RemoveScan));
-    table.add("ROUTe:SCAN?", |call| plain(call, R::Scan));
-    table.add("ROUTe:SCAN:SIZE?", |call| plain(call, R::ScanSize));
-    table.add("ROUTe:SCAN:ORDered", |call| {
-        let [on] = call.exactly()?;
-        on.boolean().map(R::SetOrdered)
-    });
-    table.add("ROUTe:SCAN:ORDered?", |call| plain(call, R::Ordered));
+    table.plain("ROUTe:SCAN?", R::Scan);
+    table.plain("ROUTe:SCAN:SIZE?", R::ScanSize);
+    table.switch("ROUTe:SCAN:ORDered", R::SetOrdered);
+    table.plain("ROUTe:SCAN:ORDered?", R::Ordered);
     table.add("ROUTe:CHANnel:LABel[:DEFine]", |call| {
         let [label, channels] = call.exactly()?;
         let label = label.string()?.chars().take(LONGEST_LABEL).collect();
@@ -155,13 +147,11 @@ pub(super) fn rows(table: &mut Table) {
     table.add("ROUTe:SEQuence:DELete[:NAME]", |call| {
         name(call).map(|name| R::Delete(Some(name)))
     });
-    table.add("ROUTe:SEQuence:DELete:ALL", |call| {
-        plain(call, R::Delete(None))
-    });
-    table.add("ROUTe:SEQuence:CATalog?", |call| plain(call, R::Catalog));
-    table.add("ROUTe:SEQuence:BUSY?", |call| plain(call, R::SequenceBusy));
-    table.add("ROUTe:SEQuence:WAIT", |call| plain(call, R::SequenceWait));
-    table.add("ROUTe:SEQuence:ABORt", |call| plain(call, R::SequenceAbort));
+    table.plain("ROUTe:SEQuence:DELete:ALL", R::Delete(None));
+    table.plain("ROUTe:SEQuence:CATalog?", R::Catalog);
+    table.plain("ROUTe:SEQuence:BUSY?", R::SequenceBusy);
+    table.plain("ROUTe:SEQuence:WAIT", R::SequenceWait);
+    table.plain("ROUTe:SEQuence:ABORt", R::SequenceAbort);
     table.add("SYSTem:CPON", |call| {
         let [slot] = call.exactly()?;
         if slot

@@ -4,7 +4,7 @@ use std::fmt;
 
 use scpi::{Call, ChannelList, Unit, quote};
 
-use super::grammar::{Table, list, numbered, plain};
+use super::grammar::{Table, list, numbered};
 use super::{OnOff, word};
 
 /// A group of status registers.
@@ -147,7 +147,7 @@ pub(super) fn rows(table: &mut Table) {
         let [slot] = call.exactly()?;
         numbered(slot, "SLOT", 8)
     };
-    table.add("SYSTem:ERRor[:NEXT]?", |call| plain(call, S::NextError));
+    table.plain("SYSTem:ERRor[:NEXT]?", S::NextError);
     table.add("SYSTem:CTYPe?", move |call| slot(call).map(S::CardType));
     table.add("SYSTem:MODule:TERMinal:TYPE?", move |call| {
         slot(call).map(S::TerminalType)
@@ -168,19 +168,12 @@ pub(super) fn rows(table: &mut Table) {
     table.add("DIAGnostic:RELay:CYCLes:CLEar", |call| {
         list(call).map(S::ClearRelayCycles)
     });
-    table.add("INSTrument:DMM:INSTalled?", |call| {
-        plain(call, S::VoltmeterInstalled)
-    });
-    table.add("INSTrument:DMM[:STATe]", |call| {
-        let [on] = call.exactly()?;
-        on.boolean().map(S::SetVoltmeter)
-    });
-    table.add("INSTrument:DMM[:STATe]?", |call| plain(call, S::Voltmeter));
-    table.add("MEMory:NSTates?", |call| plain(call, S::Memories));
-    table.add("SYSTem:COMMunicate:LAN:MAC?", |call| {
-        plain(call, S::MacAddress)
-    });
-    table.add("SYSTem:VERSion?", |call| plain(call, S::Version));
+    table.plain("INSTrument:DMM:INSTalled?", S::VoltmeterInstalled);
+    table.switch("INSTrument:DMM[:STATe]", S::SetVoltmeter);
+    table.plain("INSTrument:DMM[:STATe]?", S::Voltmeter);
+    table.plain("MEMory:NSTates?", S::Memories);
+    table.plain("SYSTem:COMMunicate:LAN:MAC?", S::MacAddress);
+    table.plain("SYSTem:VERSion?", S::Version);
     table.add("SYSTem:DATE", |call| {
         let [year, month, day] = call.exactly()?;
         let number = |argument: &scpi::Argument, least, most| argument.integer(least, most);
@@ -189,7 +182,7 @@ pub(super) fn rows(table: &mut Table) {
         // the limits are within both types
         Ok(S::SetDate(year as i32, month as u32, day as u32))
     });
-    table.add("SYSTem:DATE?", |call| plain(call, S::Date));
+    table.plain("SYSTem:DATE?", S::Date);
     table.add("SYSTem:TIME", |call| {
         let [hour, minute, second] = call.exactly()?;
         let (hour, minute) = (hour.integer(0, 23)?, minute.integer(0, 59)?);
@@ -197,34 +190,29 @@ pub(super) fn rows(table: &mut Table) {
         let second = second.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
         Ok(S::SetTime(hour as u32, minute as u32, second))
     });
-    table.add("SYSTem:TIME?", |call| plain(call, S::Time));
-    table.add("SYSTem:TIME:SCAN?", |call| plain(call, S::ScanTime));
-    table.add("SYSTem:LOCK:REQuest?", |call| plain(call, S::RequestLock));
-    table.add("SYSTem:LOCK:RELease", |call| plain(call, S::ReleaseLock));
-    table.add("SYSTem:LOCK:NAME?", |call| plain(call, S::LockName));
-    table.add("SYSTem:LOCK:OWNer?", |call| plain(call, S::LockOwner));
+    table.plain("SYSTem:TIME?", S::Time);
+    table.plain("SYSTem:TIME:SCAN?", S::ScanTime);
+    table.plain("SYSTem:LOCK:REQuest?", S::RequestLock);
+    table.plain("SYSTem:LOCK:RELease", S::ReleaseLock);
+    table.plain("SYSTem:LOCK:NAME?", S::LockName);
+    table.plain("SYSTem:LOCK:OWNer?", S::LockOwner);
     table.add("SYSTem:DELay[:IMMediate]", |call| {
         let [time] = call.exactly()?;
         let time = time.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
         Ok(S::Delay((time * 1e3).round() / 1e3))
     });
-    table.add("DISPlay", |call| {
-        let [on] = call.exactly()?;
-        on.boolean().map(S::SetDisplayOn)
-    });
-    table.add("DISPlay?", |call| plain(call, S::DisplayOn));
-    table.add("CALibration:LFRequency?", |call| {
-        plain(call, S::LineFrequency)
-    });
+    table.switch("DISPlay", S::SetDisplayOn);
+    table.plain("DISPlay?", S::DisplayOn);
+    table.plain("CALibration:LFRequency?", S::LineFrequency);
     table.add("DISPlay:TEXT", |call| {
         let [text] = call.exactly()?;
         text.string().map(|text| S::SetDisplay(text.to_owned()))
     });
-    table.add("DISPlay:TEXT?", |call| plain(call, S::Display));
-    table.add("DISPlay:TEXT:CLEar", |call| plain(call, S::ClearDisplay));
-    table.add("SYSTem:BEEPer[:IMMediate]", |call| plain(call, S::Beep));
-    table.add("SYSTem:PRESet", |call| plain(call, S::Preset));
-    table.add("STATus:PRESet", |call| plain(call, S::PresetStatus));
+    table.plain("DISPlay:TEXT?", S::Display);
+    table.plain("DISPlay:TEXT:CLEar", S::ClearDisplay);
+    table.plain("SYSTem:BEEPer[:IMMediate]", S::Beep);
+    table.plain("SYSTem:PRESet", S::Preset);
+    table.plain("STATus:PRESet", S::PresetStatus);
     let place = |call: &Call, first: i64| {
         let [place] = call.exactly()?;
         // The limits are those of u8.
@@ -236,31 +224,18 @@ pub(super) fn rows(table: &mut Table) {
     table.add("MEMory:STATe:DELete", move |call| {
         place(call, 0).map(S::MemoryDelete)
     });
-    table.add("MEMory:STATe:RECall:AUTO", |call| {
-        let [on] = call.exactly()?;
-        on.boolean().map(S::SetRecallAtPowerOn)
-    });
-    table.add("MEMory:STATe:RECall:AUTO?", |call| {
-        plain(call, S::RecallAtPowerOn)
-    });
+    table.switch("MEMory:STATe:RECall:AUTO", S::SetRecallAtPowerOn);
+    table.plain("MEMory:STATe:RECall:AUTO?", S::RecallAtPowerOn);
     table.add("MEMory:STATe:RECall:SELect", move |call| {
         place(call, 0).map(S::SelectRecalled)
     });
-    table.add("MEMory:STATe:RECall:SELect?", |call| {
-        plain(call, S::Recalled)
-    });
+    table.plain("MEMory:STATe:RECall:SELect?", S::Recalled);
     table.add("*SAV", move |call| place(call, 1).map(S::Save));
     table.add("*RCL", move |call| place(call, 0).map(S::Recall));
     for (name, group) in GROUPS {
-        table.add(&format!("STATus:{name}[:EVENt]?"), move |call: &Call| {
-            plain(call, S::Events(group))
-        });
-        table.add(&format!("STATus:{name}:CONDition?"), move |call: &Call| {
-            plain(call, S::Conditions(group))
-        });
-        table.add(&format!("STATus:{name}:ENABle?"), move |call: &Call| {
-            plain(call, S::Enable(group))
-        });
+        table.plain(&format!("STATus:{name}[:EVENt]?"), S::Events(group));
+        table.plain(&format!("STATus:{name}:CONDition?"), S::Conditions(group));
+        table.plain(&format!("STATus:{name}:ENABle?"), S::Enable(group));
         table.add(&format!("STATus:{name}:ENABle"), move |call: &Call| {
             let [mask] = call.exactly()?;
             // The limits are those of u16.

@@ -5,4 +5,5 @@ pub(crate) mod argument;
 pub(crate) mod call;
 pub(crate) mod header;
 pub(crate) mod reader;
+pub(crate) mod table;
 pub(crate) mod unit;
