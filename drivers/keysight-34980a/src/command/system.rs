@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use chrono::{Datelike, NaiveDate};
 use scpi::{Call, ChannelList, Unit, quote};
 
 use super::grammar::{Table, list, numbered};
@@ -246,12 +247,9 @@ pub(super) fn rows(table: &mut Table) {
 
 /// Days of a month of the Gregorian calendar.
 fn days_in(year: i64, month: i64) -> i64 {
-    match month {
-        4 | 6 | 9 | 11 => 30,
-        2 if year % 4 == 0 && (year % 100 != 0 || year % 400 == 0) => 29,
-        2 => 28,
-        _ => 31,
-    }
+    // the limits of both are within these types
+    let first = NaiveDate::from_ymd_opt(year as i32, month as u32, 1);
+    first.map_or(0, |first| first.num_days_in_month().into())
 }
 
 impl Protection {

@@ -2,7 +2,12 @@
 
 use std::time::Duration;
 
-const DAY: u64 = 86_400;
+use chrono::{Datelike, NaiveDate};
+
+/// A day, ms.
+const DAY: u64 = 86_400_000;
+/// The date that is shown for later ones, whose years do not fit four digits.
+const LAST: NaiveDate = NaiveDate::from_ymd_opt(9999, 12, 31).unwrap();
 
 /// Time of day and date, relative to their values at time zero.
 #[derive(Debug)]
@@ -24,13 +29,15 @@ impl Calendar {
     }
 
     pub(crate) fn set_date(&mut self, year: i32, month: u32, day: u32, at: Duration) {
-        let time_of_day = self.shown(at) % (DAY * 1000);
-        let days = days_before(year, month, day);
-        self.set(days * DAY * 1000 + time_of_day, at);
+        let time_of_day = self.shown(at) % DAY;
+        // the command has a date from 1970 on
+        let date = NaiveDate::from_ymd_opt(year, month, day).unwrap_or_default();
+        let days = u64::try_from(date.to_epoch_days()).unwrap_or(0);
+        self.set(days * DAY + time_of_day, at);
     }
 
     pub(crate) fn set_time(&mut self, hour: u32, minute: u32, second: f64, at: Duration) {
-        let midnight = self.shown(at) / (DAY * 1000) * (DAY * 1000);
+        let midnight = self.shown(at) / DAY * DAY;
         let whole = u64::from(hour * 3600 + minute * 60) * 1000;
         // At most 60 s.
         self.set(midnight + whole + (second * 1e3).round() as u64, at);
@@ -42,13 +49,15 @@ impl Calendar {
 
     /// `yyyy,mm,dd`.
     pub(crate) fn date(&self, at: Duration) -> String {
-        let (year, month, day) = date(self.shown(at) / (DAY * 1000));
+        let days = i32::try_from(self.shown(at) / DAY).unwrap_or(i32::MAX);
+        let date = NaiveDate::from_epoch_days(days).map_or(LAST, |date| date.min(LAST));
+        let (year, month, day) = (date.year(), date.month(), date.day());
         format!("{year:04},{month:02},{day:02}")
     }
 
     /// `hh,mm,ss.sss`.
     pub(crate) fn time(&self, at: Duration) -> String {
-        let time = self.shown(at) % (DAY * 1000);
+        let time = self.shown(at) % DAY;
         let (hours, minutes) = (time / 3_600_000, time / 60_000 % 60);
         let (seconds, thousandths) = (time / 1000 % 60, time % 1000);
         format!("{hours:02},{minutes:02},{seconds:02}.{thousandths:03}")
@@ -64,66 +73,27 @@ fn milliseconds(time: Duration) -> i64 {
     i64::try_from(time.as_millis()).unwrap_or(i64::MAX / 2)
 }
 
-fn is_leap(year: u64) -> bool {
-    year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
-}
-
-fn days_in_year(year: u64) -> u64 {
-    if is_leap(year) { 366 } else { 365 }
-}
-
-fn days_in_month(year: u64, month: u64) -> u64 {
-    match month {
-        4 | 6 | 9 | 11 => 30,
-        2 if is_leap(year) => 29,
-        2 => 28,
-        _ => 31,
-    }
-}
-
-/// Days from 1970-01-01 to a date between 1970 and 2099.
-fn days_before(year: i32, month: u32, day: u32) -> u64 {
-    let year = u64::try_from(year).unwrap_or(1970);
-    let years: u64 = (1970..year).map(days_in_year).sum();
-    let months: u64 = (1..u64::from(month)).map(|m| days_in_month(year, m)).sum();
-    years + months + u64::from(day.saturating_sub(1))
-}
-
-/// The date this number of days after 1970-01-01. Years beyond 9999 do not fit their four digits and are shown as 9999.
-fn date(mut days: u64) -> (u64, u64, u64) {
-    let mut year = 1970;
-    while days >= days_in_year(year) {
-        days -= days_in_year(year);
-        year += 1;
-        if year > 9999 {
-            return (9999, 12, 31);
-        }
-    }
-    let mut month = 1;
-    while days >= days_in_month(year, month) {
-        days -= days_in_month(year, month);
-        month += 1;
-    }
-    (year, month, days + 1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn days_are_counted_there_and_back() {
-        for (days, expected) in [
+        for (days, (year, month, day)) in [
             (0, (1970, 1, 1)),
             (10_957, (2000, 1, 1)),
             (11_016, (2000, 2, 29)),
             (20_778, (2026, 11, 21)),
         ] {
-            assert_eq!(date(days), expected);
-            let (year, month, day) = expected;
-            assert_eq!(days_before(year as i32, month as u32, day as u32), days);
+            let expected = format!("{year},{month:02},{day:02}");
+            let at_zero = Duration::from_millis(days * DAY);
+            assert_eq!(Calendar::new(at_zero).date(Duration::ZERO), expected);
+            let mut calendar = Calendar::new(Duration::ZERO);
+            calendar.set_date(year, month, day, Duration::ZERO);
+            assert_eq!(calendar.offset, at_zero.as_millis() as i64);
         }
-        assert_eq!(date(u64::MAX), (9999, 12, 31));
+        let latest = Calendar::new(Duration::MAX);
+        assert_eq!(latest.date(Duration::ZERO), "9999,12,31");
     }
 
     #[test]
