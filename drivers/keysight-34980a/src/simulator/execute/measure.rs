@@ -6,8 +6,10 @@ use scpi::{ChannelList, ParseError};
 use survey::Relay;
 
 use crate::command::{Functions, Measure, Sense, time_word};
+use crate::simulator::errors::QueuedError;
 use crate::simulator::execute::{Execution, Reply, block, yes_no};
 use crate::simulator::measurement::memory::ReadingFormat;
+use crate::simulator::measurement::meter::Settings;
 use crate::simulator::{CONFIGURATION_CHANGED, Simulator34980a};
 
 impl Simulator34980a {
@@ -117,35 +119,22 @@ impl Simulator34980a {
                 )));
             }
             Measure::Last(channel) => return self.last_reading(channel.as_ref(), execution),
-            Measure::SetThreshold(count) => self.meter.set_threshold(count),
-            Measure::Threshold => return Ok(Some(format!("{:+}", self.meter.threshold()))),
+            Measure::SetThreshold(count) => self.meter.settings.threshold = count,
+            Measure::Threshold => return Ok(Some(format!("{:+}", self.meter.settings.threshold))),
             Measure::Abort => self.stop_measuring(execution.now, execution.wires),
-            Measure::SetSource(source) => {
-                self.wait_for_measurement(execution)?;
-                self.meter.set_source(source);
-            }
-            Measure::Source => return Ok(Some(self.meter.source().word())),
-            Measure::SetTimer(timer) => {
-                self.wait_for_measurement(execution)?;
-                self.meter.set_timer(timer);
-            }
+            Measure::SetSource(source) => self.triggers(execution)?.source = source,
+            Measure::Source => return Ok(Some(self.meter.settings.source.word())),
+            Measure::SetTimer(timer) => self.triggers(execution)?.timer = timer,
             Measure::Timer(limit) => return Ok(Some(self.meter.timer(limit))),
-            Measure::SetCount(count) => {
-                self.wait_for_measurement(execution)?;
-                self.meter.set_count(count);
-            }
+            Measure::SetCount(count) => self.triggers(execution)?.count = count,
             Measure::Count(limit) => return Ok(Some(self.meter.sweeps(limit))),
-            Measure::SetSamples(count) => {
-                self.wait_for_measurement(execution)?;
-                self.meter.set_samples(count);
-            }
+            Measure::SetSamples(count) => self.triggers(execution)?.samples = count,
             Measure::Samples(limit) => return Ok(Some(self.meter.samples(limit))),
-            Measure::SetTriggerDelay(delay) => {
-                self.wait_for_measurement(execution)?;
-                self.meter.set_trigger_delay(delay);
-            }
+            Measure::SetTriggerDelay(delay) => self.triggers(execution)?.trigger_delay = delay,
             Measure::TriggerDelay(limit) => return Ok(Some(self.meter.trigger_delay(limit))),
-            Measure::TriggerDelayAuto => return yes_no(self.meter.trigger_delay_is_auto()),
+            Measure::TriggerDelayAuto => {
+                return yes_no(self.meter.settings.trigger_delay.is_none());
+            }
             Measure::SetField(field, on) => {
                 let fields = &mut self.meter.settings.format.fields;
                 if on {
@@ -163,6 +152,12 @@ impl Simulator34980a {
             }
         }
         Ok(None)
+    }
+
+    /// The settings, to change one of the triggers after a running measurement.
+    fn triggers(&mut self, execution: &mut Execution<'_>) -> Result<&mut Settings, QueuedError> {
+        self.wait_for_measurement(execution)?;
+        Ok(self.meter.triggers_mut())
     }
 
     pub(crate) fn execute_functions(

@@ -14,7 +14,7 @@ use crate::command::{
     Detail, FREQUENCIES, Function, MeasurementRequest, Range, SettingValue, ValueKind, value_kind,
 };
 use crate::simulator::errors::QueuedError;
-use crate::simulator::measurement::setup::{Timing, integration_for, resolution_of};
+use crate::simulator::measurement::setup::{Timing, at, integration_for, resolution_of};
 use crate::simulator::measurement::temperature;
 use crate::simulator::{MeterRequest, Wires};
 
@@ -231,12 +231,7 @@ impl FunctionSettings {
             ) => [steps[0], steps[steps.len() - 1], default],
             _ => [value; 3],
         };
-        let reported = match limit {
-            None => value,
-            Some(Numeric::Min) => limits[0],
-            Some(Numeric::Max) => limits[1],
-            Some(_) => limits[2],
-        };
+        let reported = at(limit, value, limits);
         // Numbers from a short list are reported as integers.
         Ok(match detail {
             Detail::Bandwidth | Detail::Rtd | Detail::Thermistor => format!("{reported:+.0}"),

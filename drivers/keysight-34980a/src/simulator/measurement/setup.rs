@@ -190,7 +190,7 @@ impl Setup {
         timing: Timing,
     ) -> Result<String, QueuedError> {
         let range = self.fixed_range();
-        let (value, [least, most, default]) = match quantity {
+        let (value, limits) = match quantity {
             Quantity::Range => (range, [RANGES[0], WIDEST, WIDEST]),
             Quantity::Nplc => (self.nplc, [0.02, 200.0, 1.0]),
             Quantity::Aperture => (self.aperture, [300e-6, 1.0, 1.0]),
@@ -205,13 +205,7 @@ impl Setup {
             Quantity::InputAuto => return yes_no(self.input_auto, limit),
             Quantity::DelayAuto => return yes_no(self.delay.is_none(), limit),
         };
-        let value = match limit {
-            None => value,
-            Some(Numeric::Min) => least,
-            Some(Numeric::Max) => most,
-            Some(_) => default,
-        };
-        Ok(format_nr3_signed(value, 8))
+        Ok(format_nr3_signed(at(limit, value, limits), 8))
     }
 
     /// The reply to CONF?.
@@ -224,6 +218,16 @@ impl Setup {
             ),
             Range::Auto => "\"VOLT AUTO\"".to_owned(),
         }
+    }
+}
+
+/// What a query with MIN, MAX or DEF replies: the least, the most or the default value; without them the present one.
+pub(crate) fn at<T>(limit: Option<Numeric>, now: T, [least, most, default]: [T; 3]) -> T {
+    match limit {
+        None => now,
+        Some(Numeric::Min) => least,
+        Some(Numeric::Max) => most,
+        Some(_) => default,
     }
 }
 

@@ -19,6 +19,7 @@ use crate::simulator::measurement::computation::{Limits, Mark, Scale};
 use crate::simulator::measurement::functions::OVER_RANGE;
 use crate::simulator::measurement::meter::Meter;
 use crate::simulator::measurement::meter::settings::Computations;
+use crate::simulator::measurement::setup::at;
 use crate::simulator::relays::Relays;
 
 impl Computations {
@@ -169,13 +170,9 @@ impl Meter {
     ) -> Result<String, QueuedError> {
         self.of_listed(relays, channels, |target| {
             let largest = self.largest_limit(relays, Some(target)).unwrap_or(LARGEST);
-            let value = match end {
-                None => self.limits(Some(target)).get(limit),
-                Some(Numeric::Min) => -largest,
-                Some(Numeric::Max) => largest,
-                Some(_) => Limits::default().get(limit),
-            };
-            format_nr3_signed(value, 8)
+            let now = self.limits(Some(target)).get(limit);
+            let limits = [-largest, largest, Limits::default().get(limit)];
+            format_nr3_signed(at(end, now, limits), 8)
         })
     }
 

@@ -21,17 +21,17 @@ pub(crate) struct Settings {
     pub(super) others: BTreeMap<(Option<Relay>, Function), FunctionSettings>,
     pub(super) scan: Vec<Relay>,
     pub(super) ordered: bool,
-    pub(super) source: TriggerSource,
+    pub(crate) source: TriggerSource,
     /// Time from sweep to sweep, s.
-    pub(super) timer: f64,
+    pub(crate) timer: f64,
     /// Number of sweeps; `None`: until the measurement is stopped.
-    pub(super) count: Option<u32>,
+    pub(crate) count: Option<u32>,
     /// Readings of a channel for each trigger.
-    pub(super) samples: u32,
+    pub(crate) samples: u32,
     /// Delay after a trigger for the bare voltmeter, s; `None`: automatic.
-    pub(super) trigger_delay: Option<f64>,
+    pub(crate) trigger_delay: Option<f64>,
     pub(crate) format: ReadingFormat,
-    pub(super) threshold: u32,
+    pub(crate) threshold: u32,
     pub(super) computations: Computations,
 }
 

@@ -3,95 +3,43 @@
 
 use scpi::{Numeric, format_nr3_signed};
 
-use crate::command::{
-    LONGEST_TIMER, LONGEST_TRIGGER_DELAY, MOST_SAMPLES, MOST_SWEEPS, TriggerSource,
-};
+use crate::command::{LONGEST_TIMER, LONGEST_TRIGGER_DELAY, MOST_SAMPLES, MOST_SWEEPS};
 use crate::simulator::measurement::meter::Meter;
+use crate::simulator::measurement::meter::settings::Settings;
+use crate::simulator::measurement::setup::at;
 
 impl Meter {
-    pub(crate) fn threshold(&self) -> u32 {
-        self.settings.threshold
-    }
-
-    pub(crate) fn set_threshold(&mut self, threshold: u32) {
-        self.settings.threshold = threshold;
-    }
-
-    pub(crate) fn source(&self) -> TriggerSource {
-        self.settings.source
-    }
-
-    pub(crate) fn set_source(&mut self, source: TriggerSource) {
-        self.settings.source = source;
+    /// The settings, to change one of the triggers.
+    pub(crate) fn triggers_mut(&mut self) -> &mut Settings {
         self.memory.clear();
+        &mut self.settings
     }
 
     /// Reply with the timer, or its smallest, largest or default value.
     pub(crate) fn timer(&self, limit: Option<Numeric>) -> String {
-        let value = match limit {
-            None => self.settings.timer,
-            Some(Numeric::Min) => 0.0,
-            Some(Numeric::Max) => LONGEST_TIMER,
-            Some(_) => 10.0,
-        };
-        format_nr3_signed(value, 8)
-    }
-
-    pub(crate) fn set_timer(&mut self, timer: f64) {
-        self.settings.timer = timer;
-        self.memory.clear();
+        let timer = self.settings.timer;
+        format_nr3_signed(at(limit, timer, [0.0, LONGEST_TIMER, 10.0]), 8)
     }
 
     /// Reply with the number of sweeps, or its smallest, largest or default value.
     pub(crate) fn sweeps(&self, limit: Option<Numeric>) -> String {
-        let count = match limit {
-            None => self.settings.count,
-            Some(Numeric::Max) => Some(MOST_SWEEPS),
-            Some(_) => Some(1),
-        };
-        match count {
+        let limits = [1, MOST_SWEEPS, 1].map(Some);
+        match at(limit, self.settings.count, limits) {
             Some(count) => format!("{count:+}"),
             None => format_nr3_signed(f64::INFINITY, 8),
         }
     }
 
-    pub(crate) fn set_count(&mut self, count: Option<u32>) {
-        self.settings.count = count;
-        self.memory.clear();
-    }
-
     /// Reply with the number of samples, or its smallest, largest or default value.
     pub(crate) fn samples(&self, limit: Option<Numeric>) -> String {
-        let count = match limit {
-            None => self.settings.samples,
-            Some(Numeric::Max) => MOST_SAMPLES,
-            Some(_) => 1,
-        };
-        format!("{count:+}")
-    }
-
-    pub(crate) fn set_samples(&mut self, samples: u32) {
-        self.settings.samples = samples;
-        self.memory.clear();
+        let samples = self.settings.samples;
+        format!("{:+}", at(limit, samples, [1, MOST_SAMPLES, 1]))
     }
 
     /// Reply with the delay after a trigger, or its smallest, largest or default value.
     pub(crate) fn trigger_delay(&self, limit: Option<Numeric>) -> String {
-        let delay = match limit {
-            None => self.settings.trigger_delay.unwrap_or(0.0),
-            Some(Numeric::Max) => LONGEST_TRIGGER_DELAY,
-            Some(_) => 0.0,
-        };
-        format_nr3_signed(delay, 8)
-    }
-
-    pub(crate) fn trigger_delay_is_auto(&self) -> bool {
-        self.settings.trigger_delay.is_none()
-    }
-
-    pub(crate) fn set_trigger_delay(&mut self, delay: Option<f64>) {
-        self.settings.trigger_delay = delay;
-        self.memory.clear();
+        let delay = self.settings.trigger_delay.unwrap_or(0.0);
+        format_nr3_signed(at(limit, delay, [0.0, LONGEST_TRIGGER_DELAY, 0.0]), 8)
     }
 
     /// Executes the part of CONF and MEAS? that sets one sample, and an automatic delay after a trigger.
