@@ -96,7 +96,7 @@ impl Simulator34980a {
         self.display.clear();
         self.display_on = true;
         self.relays.reset_protection();
-        let moves = self.relays.open(|_| true);
+        let moves = self.relays.open(|_, _| true);
         self.moved(moves, execution);
     }
 
@@ -124,13 +124,13 @@ impl Simulator34980a {
             Route::Open(list) => {
                 self.wait_for_sequence(execution);
                 let relays = self.relays.expand_some(&list)?;
-                let moves = self.relays.open(|relay| relays.contains(&relay));
+                let moves = self.relays.open(|_, relay| relays.contains(&relay));
                 self.moved(moves, execution);
             }
             Route::OpenPair(list) => {
                 self.wait_for_sequence(execution);
                 let relays = self.relays.expand_pairs(&list)?.concat();
-                let moves = self.relays.open(|relay| relays.contains(&relay));
+                let moves = self.relays.open(|_, relay| relays.contains(&relay));
                 self.moved(moves, execution);
             }
             Route::OpenAll(slot) => {
@@ -138,8 +138,8 @@ impl Simulator34980a {
                 if let Some(slot) = slot {
                     self.relays.module(slot)?;
                 }
-                let meant = |relay: Relay| slot.is_none_or(|slot| relay.0 / 1000 == slot);
-                let moves = self.relays.open(meant);
+                let relays = &mut self.relays;
+                let moves = relays.open(|_, relay| slot.is_none_or(|slot| relay.0 / 1000 == slot));
                 self.moved(moves, execution);
             }
             Route::OpenBuses(bus) => {

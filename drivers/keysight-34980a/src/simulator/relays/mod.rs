@@ -165,7 +165,7 @@ impl Relays {
             .collect();
         after.extend(relays);
         self.check(relays, &after, scan)?;
-        let opened = self.open(|relay| !after.contains(&relay));
+        let opened = self.open(|_, relay| !after.contains(&relay));
         Ok(opened.then(self.become_closed(after)))
     }
 
@@ -253,9 +253,10 @@ impl Relays {
     }
 
     /// Opens the closed relays that `meant` selects, and returns the time for it.
-    pub(crate) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> MoveTimes {
+    pub(crate) fn open(&mut self, meant: impl Fn(&Self, Relay) -> bool) -> MoveTimes {
         let mut moves = MoveTimes::default();
-        let opened: Vec<Relay> = self.closed.iter().copied().filter(|r| meant(*r)).collect();
+        let closed = self.closed.iter().copied();
+        let opened: Vec<Relay> = closed.filter(|relay| meant(self, *relay)).collect();
         for relay in opened {
             self.closed.remove(&relay);
             if let Ok((module, _)) = self.contact(relay) {
@@ -266,16 +267,10 @@ impl Relays {
     }
 
     pub(crate) fn open_buses(&mut self, which: Option<u32>) -> MoveTimes {
-        let meant: BTreeSet<Relay> = self
-            .closed
-            .iter()
-            .filter(|relay| match self.contact(**relay) {
-                Ok((_, Contact::AnalogBus { bus, .. })) => which.is_none_or(|which| which == bus),
-                _ => false,
-            })
-            .copied()
-            .collect();
-        self.open(|relay| meant.contains(&relay))
+        self.open(|relays, relay| match relays.contact(relay) {
+            Ok((_, Contact::AnalogBus { bus, .. })) => which.is_none_or(|which| which == bus),
+            _ => false,
+        })
     }
 
     /// Opens the relays that must be open for a scan: every channel of the scanned banks, and every relay to bus 1
@@ -283,16 +278,10 @@ impl Relays {
     pub(crate) fn clear_for_scan(&mut self, scan: &[Relay]) {
         let banks: BTreeSet<(u32, Option<u32>)> =
             scan.iter().map(|relay| self.bank(*relay)).collect();
-        let meant: BTreeSet<Relay> = self
-            .closed
-            .iter()
-            .filter(|relay| match self.contact(**relay) {
-                Ok((_, Contact::AnalogBus { bus, .. })) => bus == 1,
-                _ => banks.contains(&self.bank(**relay)),
-            })
-            .copied()
-            .collect();
-        self.open(|relay| meant.contains(&relay));
+        self.open(|relays, relay| match relays.contact(relay) {
+            Ok((_, Contact::AnalogBus { bus, .. })) => bus == 1,
+            _ => banks.contains(&relays.bank(relay)),
+        });
     }
 
     /// The relays of a reading: they connect its channel to bus 1, and for a four-wire reading its partner in the other
@@ -339,16 +328,10 @@ impl Relays {
 
     /// At power off latching relays keep their state, and all other relays (ABus relays included) open (section 3).
     pub(crate) fn lose_power(&mut self) {
-        let stay: BTreeSet<Relay> = self
-            .closed
-            .iter()
-            .filter(|relay| match self.contact(**relay) {
-                Ok((_, Contact::AnalogBus { .. })) | Err(_) => false,
-                Ok((module, _)) => module.model().latching(),
-            })
-            .copied()
-            .collect();
-        self.closed = stay;
+        self.open(|relays, relay| match relays.contact(relay) {
+            Ok((_, Contact::AnalogBus { .. })) | Err(_) => true,
+            Ok((module, _)) => !module.model().latching(),
+        });
         self.reset_protection();
         for slot in &mut self.slots {
             slot.settled = Duration::ZERO;

@@ -1,6 +1,5 @@
 //! The slots of the mainframe: module, terminal block, settling time.
 
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 use survey::Relay;
@@ -63,10 +62,7 @@ impl Relays {
             place.interlocked = open;
         }
         if open {
-            let meant = |relay: Relay| relay.0 / 1000 == slot && self.is_bus(relay);
-            let meant: BTreeSet<Relay> =
-                self.closed.iter().copied().filter(|r| meant(*r)).collect();
-            self.open(|relay| meant.contains(&relay));
+            self.open(|relays, relay| relay.0 / 1000 == slot && relays.is_bus(relay));
         }
     }
 
