@@ -1,6 +1,7 @@
 //! Common commands of IEEE 488.2 as values, shared by the SCPI instruments of this workspace.
 
 use std::fmt;
+use std::mem::discriminant;
 
 use crate::{Call, ParseError};
 
@@ -37,72 +38,63 @@ pub enum Common {
     Trigger,
 }
 
+/// The header of each command, here with an argument of 0 if it has one.
+const HEADERS: [(&str, Common); 14] = [
+    ("*IDN?", Common::Identify),
+    ("*RST", Common::Reset),
+    ("*CLS", Common::ClearStatus),
+    ("*ESE", Common::SetEventEnable(0)),
+    ("*ESE?", Common::EventEnable),
+    ("*ESR?", Common::Events),
+    ("*SRE", Common::SetServiceEnable(0)),
+    ("*SRE?", Common::ServiceEnable),
+    ("*STB?", Common::StatusByte),
+    ("*OPC", Common::OperationComplete),
+    ("*OPC?", Common::WhenComplete),
+    ("*WAI", Common::Wait),
+    ("*TST?", Common::SelfTest),
+    ("*TRG", Common::Trigger),
+];
+
 impl Common {
     /// Parses a call as a common command; `None` if its header is not one of these.
     pub fn of(call: &Call) -> Option<Result<Self, ParseError>> {
         if !call.common {
             return None;
         }
-        let keyword = call.header.first()?.to_ascii_uppercase();
-        let plain = |command: Common| Some(call.exactly::<0>().map(|_| command));
-        let byte = |command: fn(u8) -> Common| {
-            let value = call
-                .exactly::<1>()
-                .and_then(|[value]| value.integer(0, 255));
-            // `integer` checks the limits of u8.
-            Some(value.map(|value| command(value as u8)))
+        let mark = if call.query { "?" } else { "" };
+        let header = format!("*{}{mark}", call.header.first()?.to_ascii_uppercase());
+        let mut rows = HEADERS.iter();
+        let (_, command) = rows.find(|(known, _)| *known == header)?;
+        let mask = || {
+            let [mask] = call.exactly()?;
+            // The limits are those of u8.
+            mask.integer(0, 255).map(|mask| mask as u8)
         };
-        match (keyword.as_str(), call.query) {
-            ("IDN", true) => plain(Common::Identify),
-            ("RST", false) => plain(Common::Reset),
-            ("CLS", false) => plain(Common::ClearStatus),
-            ("ESE", false) => byte(Common::SetEventEnable),
-            ("ESE", true) => plain(Common::EventEnable),
-            ("ESR", true) => plain(Common::Events),
-            ("SRE", false) => byte(Common::SetServiceEnable),
-            ("SRE", true) => plain(Common::ServiceEnable),
-            ("STB", true) => plain(Common::StatusByte),
-            ("OPC", false) => plain(Common::OperationComplete),
-            ("OPC", true) => plain(Common::WhenComplete),
-            ("WAI", false) => plain(Common::Wait),
-            ("TST", true) => plain(Common::SelfTest),
-            ("TRG", false) => plain(Common::Trigger),
-            _ => None,
-        }
+        Some(match command {
+            Common::SetEventEnable(_) => mask().map(Common::SetEventEnable),
+            Common::SetServiceEnable(_) => mask().map(Common::SetServiceEnable),
+            plain => call.exactly::<0>().map(|_| *plain),
+        })
+    }
+
+    fn header(self) -> &'static str {
+        let same = |row: &&(&str, Common)| discriminant(&row.1) == discriminant(&self);
+        HEADERS.iter().find(same).map_or("", |(header, _)| *header)
     }
 
     /// Whether the command has a reply.
     pub fn is_query(self) -> bool {
-        matches!(
-            self,
-            Common::Identify
-                | Common::EventEnable
-                | Common::Events
-                | Common::ServiceEnable
-                | Common::StatusByte
-                | Common::WhenComplete
-                | Common::SelfTest
-        )
+        self.header().ends_with('?')
     }
 }
 
 impl fmt::Display for Common {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.header())?;
         match self {
-            Common::Identify => f.write_str("*IDN?"),
-            Common::Reset => f.write_str("*RST"),
-            Common::ClearStatus => f.write_str("*CLS"),
-            Common::SetEventEnable(mask) => write!(f, "*ESE {mask}"),
-            Common::EventEnable => f.write_str("*ESE?"),
-            Common::Events => f.write_str("*ESR?"),
-            Common::SetServiceEnable(mask) => write!(f, "*SRE {mask}"),
-            Common::ServiceEnable => f.write_str("*SRE?"),
-            Common::StatusByte => f.write_str("*STB?"),
-            Common::OperationComplete => f.write_str("*OPC"),
-            Common::WhenComplete => f.write_str("*OPC?"),
-            Common::Wait => f.write_str("*WAI"),
-            Common::SelfTest => f.write_str("*TST?"),
-            Common::Trigger => f.write_str("*TRG"),
+            Common::SetEventEnable(mask) | Common::SetServiceEnable(mask) => write!(f, " {mask}"),
+            _ => Ok(()),
         }
     }
 }
