@@ -22,13 +22,14 @@ const LARGEST: u64 = 256 * 1024 * 1024;
 
 /// One line of a transcript.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Line", into = "Line")]
+#[serde(try_from = "Line")]
 pub struct Entry {
     /// Seconds since the transcript began; finite, not negative.
     pub t_s: f64,
     /// The instrument's name; its first word identifies the model, the rest may be its address.
     pub instrument: String,
     /// The entry's content.
+    #[serde(flatten)]
     pub content: EntryContent,
 }
 
@@ -41,7 +42,8 @@ impl Entry {
 }
 
 /// A transmitted line, or a note.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum EntryContent {
     /// A message to the instrument.
     Sent(String),
@@ -51,17 +53,14 @@ pub enum EntryContent {
     Note(String),
 }
 
-/// The file format of an entry.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+/// An entry as it is read.
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
     t_s: f64,
     instrument: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
     sent: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     received: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     note: Option<String>,
 }
 
@@ -86,24 +85,6 @@ impl TryFrom<Line> for Entry {
             instrument: line.instrument,
             content,
         })
-    }
-}
-
-impl From<Entry> for Line {
-    fn from(entry: Entry) -> Self {
-        let (mut sent, mut received, mut note) = (None, None, None);
-        match entry.content {
-            EntryContent::Sent(text) => sent = Some(text),
-            EntryContent::Received(text) => received = Some(text),
-            EntryContent::Note(text) => note = Some(text),
-        }
-        Self {
-            t_s: entry.t_s,
-            instrument: entry.instrument,
-            sent,
-            received,
-            note,
-        }
     }
 }
 
