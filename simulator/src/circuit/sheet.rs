@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+use keysight_34980a::MeterRequest;
 use nalgebra::DMatrix;
 use phantom::{Phantom, PhantomError, ReadingContext};
 use survey::{Amps, Electrode, Ohms, Relay, Volts};
@@ -23,18 +24,6 @@ fn chips(poles: [Option<Electrode>; 4]) -> impl Iterator<Item = Relay> {
         let number = u32::try_from(electrode?.number()).ok()?;
         Some(Relay(pole * 100 + number))
     })
-}
-
-/// Parameters of a reading.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ReadingRequest {
-    pub(crate) relay: Option<Relay>,
-    pub(crate) range: Volts,
-    pub(crate) nplc: f64,
-    /// The voltmeter's own test current from HI to LO.
-    pub(crate) test: Amps,
-    /// The analogue bus it measures.
-    pub(crate) bus: u32,
 }
 
 /// A phantom with its wiring: the load of the source, and the voltage at the voltmeter. While the phantom cannot be
@@ -274,7 +263,7 @@ impl Sheet {
     pub(crate) fn measured(
         &mut self,
         at: Duration,
-        request: ReadingRequest,
+        request: MeterRequest,
         mean: Option<Amps>,
     ) -> Volts {
         let flowing = self.flowing;
@@ -284,11 +273,12 @@ impl Sheet {
         volts
     }
 
-    fn read(&mut self, at: Duration, request: ReadingRequest) -> Volts {
+    fn read(&mut self, at: Duration, request: MeterRequest) -> Volts {
         if self.overload {
             return Volts(f64::INFINITY);
         }
-        let exact = self.voltage_with(at, request.test, request.bus);
+        let bus = if request.four_wire { 2 } else { 1 };
+        let exact = self.voltage_with(at, request.test_current, bus);
         if !exact.0.is_finite() {
             return exact;
         }
@@ -306,7 +296,7 @@ impl Sheet {
             range: request.range,
             nplc: request.nplc,
             resolution: keysight_34980a::resolution(request.nplc),
-            relay: request.relay,
+            relay: request.channel,
             flowing: self.flowing,
             source_range: self.source_range,
             since_change: at.saturating_sub(self.changed),

@@ -16,7 +16,7 @@ use rig::transcript::TranscriptWriter;
 use survey::{Amps, Electrode, Ohms, Relay, Volts};
 use tokio::time::Instant;
 
-use crate::circuit::sheet::{ReadingRequest, Sheet};
+use crate::circuit::sheet::Sheet;
 use crate::circuit::terminals::Fixture;
 use crate::instrument::fault::TimedFault;
 use crate::instrument::simulated::{CurrentSource, ExternalCircuit, Reply, SimulatedInstrument};
@@ -386,13 +386,6 @@ impl Wires for SharedCircuit<'_> {
         self.sheet.set_scanned(request.channel);
         // The loads on the sheet may have changed since the relays switched.
         self.load_changed(at);
-        let reading = ReadingRequest {
-            relay: request.channel,
-            range: request.range,
-            nplc: request.nplc,
-            test: request.test_current,
-            bus: if request.four_wire { 2 } else { 1 },
-        };
         // The reading is the mean over the aperture, which ends now.
         let from = at.saturating_sub(self.sheet.integration(request.nplc));
         let places = self.others.iter().flat_map(|places| places.iter());
@@ -400,7 +393,7 @@ impl Wires for SharedCircuit<'_> {
         let mean = sources
             .next()
             .map(|source| source.mean_current(from, at, self.sheet));
-        let volts = self.sheet.measured(at, reading, mean);
+        let volts = self.sheet.measured(at, request, mean);
         self.sheet.set_scanned(None);
         volts
     }
