@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use gpio_mux::{Command, Settings, SimulatorGpioMux};
-use scpi::{ErrorEntry, ParseError};
+use scpi::{ErrorEntry, ParseError, Response};
 use serde::Deserialize;
 
 use crate::instrument::section::{Section, check_command_ms, milliseconds, settings};
-use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
+use crate::instrument::simulated::{ExternalCircuit, SimulatedInstrument};
 use crate::instrument::{Kind, Port};
 
 /// Its row of the table of instruments.
@@ -80,8 +80,8 @@ impl SimulatedInstrument for SimulatedBoard {
         line: &str,
         at: Duration,
         outside: &mut dyn ExternalCircuit,
-    ) -> Reply {
-        self.0.receive(line, at, outside).into()
+    ) -> Response {
+        self.0.receive(line, at, outside)
     }
 
     fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) {

@@ -7,7 +7,7 @@ use keysight_34980a::{
     Command, Functions, Measure, Module, ModuleError, Session, Settings34980a, Simulator34980a,
     System,
 };
-use scpi::{ErrorEntry, ParseError, parse_message};
+use scpi::{ErrorEntry, ParseError, Response, parse_message};
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeValue;
@@ -15,7 +15,7 @@ use toml::de::DeValue;
 use crate::instrument::fault::Fault;
 use crate::instrument::isolated::InstrumentSetup;
 use crate::instrument::section::{Section, SectionError, check_command_ms, milliseconds, settings};
-use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
+use crate::instrument::simulated::{ExternalCircuit, SimulatedInstrument};
 use crate::instrument::{Kind, Port, Profile};
 
 /// Its row of the table of instruments.
@@ -242,10 +242,9 @@ impl SimulatedInstrument for SimulatedMainframe {
         line: &str,
         at: Duration,
         outside: &mut dyn ExternalCircuit,
-    ) -> Reply {
+    ) -> Response {
         let session = Session(session);
-        let response = self.simulator.receive_from(session, line, at, outside);
-        response.into()
+        self.simulator.receive_from(session, line, at, outside)
     }
 
     fn begin(
@@ -254,13 +253,9 @@ impl SimulatedInstrument for SimulatedMainframe {
         line: &str,
         at: Duration,
         outside: &mut dyn ExternalCircuit,
-    ) -> Reply {
+    ) -> (Response, bool) {
         let session = Session(session);
-        let (response, later) = self.simulator.begin_from(session, line, at, outside);
-        Reply {
-            later,
-            ..response.into()
-        }
+        self.simulator.begin_from(session, line, at, outside)
     }
 
     fn fetch(

@@ -17,27 +17,6 @@ pub(crate) trait ExternalCircuit: Load + Wires + Poles {}
 
 impl<T: Load + Wires + Poles> ExternalCircuit for T {}
 
-/// Result of a message.
-#[derive(Debug, Default)]
-pub(crate) struct Reply {
-    /// The reply without its line end; `None` if the message has none.
-    pub(crate) text: Option<String>,
-    /// Time that the instrument is busy, by its own clock.
-    pub(crate) busy: Duration,
-    /// Whether the reply must be fetched by [`SimulatedInstrument::fetch`] after that time.
-    pub(crate) later: bool,
-}
-
-impl From<Response> for Reply {
-    fn from(response: Response) -> Self {
-        Self {
-            text: response.text,
-            busy: response.busy,
-            later: false,
-        }
-    }
-}
-
 /// What the rig's status shows of its current source.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SourceState {
@@ -76,17 +55,18 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         line: &str,
         at: Duration,
         outside: &mut dyn ExternalCircuit,
-    ) -> Reply;
+    ) -> Response;
 
-    /// As [`SimulatedInstrument::receive`], but readings are taken at their own times, so the reply may come later.
+    /// As [`SimulatedInstrument::receive`], but readings are taken at their own times; also returns whether the reply
+    /// must be fetched by [`SimulatedInstrument::fetch`] after the time that the instrument is busy.
     fn begin(
         &mut self,
         session: u32,
         line: &str,
         at: Duration,
         outside: &mut dyn ExternalCircuit,
-    ) -> Reply {
-        self.receive(session, line, at, outside)
+    ) -> (Response, bool) {
+        (self.receive(session, line, at, outside), false)
     }
 
     /// The postponed reply.

@@ -3,14 +3,14 @@
 use std::time::Duration;
 
 use keithley_6221::{Command, Load, Settings6221, Simulator6221, Trigger};
-use scpi::{ErrorEntry, ParseError, parse_message};
+use scpi::{ErrorEntry, ParseError, Response, parse_message};
 use serde::{Deserialize, Serialize};
 use survey::Amps;
 
 use crate::instrument::fault::Fault;
 use crate::instrument::section::{OutOfRange, Section, check_command_ms, milliseconds, settings};
 use crate::instrument::simulated::{
-    CurrentSource, ExternalCircuit, Reply, SimulatedInstrument, SourceState,
+    CurrentSource, ExternalCircuit, SimulatedInstrument, SourceState,
 };
 use crate::instrument::{Kind, Port};
 
@@ -159,8 +159,8 @@ impl SimulatedInstrument for SimulatedSource {
         line: &str,
         at: Duration,
         outside: &mut dyn ExternalCircuit,
-    ) -> Reply {
-        self.simulator.receive(line, at, outside).into()
+    ) -> Response {
+        self.simulator.receive(line, at, outside)
     }
 
     /// The source has no readings: faults of readings apply to its settings.

@@ -13,13 +13,14 @@ use keithley_6221::Load;
 use keysight_34980a::{Alternating, MeterRequest, Wires};
 use phantom::Phantom;
 use rig::transcript::TranscriptWriter;
+use scpi::Response;
 use survey::{Amps, Electrode, Ohms, Relay, Volts};
 use tokio::time::Instant;
 
 use crate::circuit::sheet::Sheet;
 use crate::circuit::terminals::Fixture;
 use crate::instrument::fault::TimedFault;
-use crate::instrument::simulated::{CurrentSource, ExternalCircuit, Reply, SimulatedInstrument};
+use crate::instrument::simulated::{CurrentSource, ExternalCircuit, SimulatedInstrument};
 use crate::instrument::{Instrument, Pace, Profile};
 
 /// The instruments of one rig, connected to one sheet.
@@ -246,9 +247,9 @@ impl SimulatedInstruments {
         let in_time = timing == ReplyTiming::InTime && self.pace != Pace::Instant;
         let (reply, readings) = self.act(instrument, |instrument, outside| match in_time {
             true => instrument.begin(session, line, at, outside),
-            false => instrument.receive(session, line, at, outside),
+            false => (instrument.receive(session, line, at, outside), false),
         });
-        let Reply { text, busy, later } = reply;
+        let (Response { text, busy }, later) = reply;
         let count = &mut self.place_mut(instrument).messages;
         count.received += 1;
         count.answered += u64::from(text.is_some());
