@@ -88,49 +88,30 @@ impl Settings {
 
     /// The settings that differ, with both values, for a message; empty if all agree.
     pub fn differences(&self, other: &Self) -> Vec<String> {
-        let mut differences = Vec::new();
-        let mut compare = |name: &str, mine: String, theirs: String| {
-            if mine != theirs {
-                differences.push(format!("{name} {mine} against {theirs}"));
-            }
-        };
-        compare(
-            "protocol",
-            self.protocol_hash.clone(),
-            other.protocol_hash.clone(),
-        );
-        compare(
-            "current",
-            self.current.to_string(),
-            other.current.to_string(),
-        );
         // with planned ranges the ranges may differ; two different fixed ranges mean that the setting was changed
-        if !(self.precautions.planned_ranges || other.precautions.planned_ranges) {
-            compare("range", self.range.to_string(), other.range.to_string());
-        }
-        compare("NPLC", self.nplc.to_string(), other.nplc.to_string());
-        compare(
-            "settle",
-            format!("{:?}", self.settle),
-            format!("{:?}", other.settle),
-        );
-        compare("wiring", self.wiring.clone(), other.wiring.clone());
-        // averages only change the noise
-        let (mine, theirs) = (&self.precautions, &other.precautions);
-        for (name, mine, theirs) in [
-            ("autozero", mine.autozero, theirs.autozero),
-            ("current reversal", mine.reversal, theirs.reversal),
-            ("zero-current frame", mine.zeroed, theirs.zeroed),
-        ] {
-            let word = |on| if on { "on" } else { "off" }.to_owned();
-            compare(name, word(mine), word(theirs));
-        }
-        compare(
-            "channel delay",
-            format!("{:?}", mine.channel_delay),
-            format!("{:?}", theirs.channel_delay),
-        );
-        differences
+        let planned = self.precautions.planned_ranges || other.precautions.planned_ranges;
+        let both = self.described().into_iter().zip(other.described());
+        both.filter(|((name, mine), (_, theirs))| mine != theirs && !(planned && *name == "range"))
+            .map(|((name, mine), (_, theirs))| format!("{name} {mine} against {theirs}"))
+            .collect()
+    }
+
+    /// The settings that must agree, with their values for a message. Averages only change the noise.
+    fn described(&self) -> [(&'static str, String); 10] {
+        let precautions = &self.precautions;
+        let word = |on| if on { "on" } else { "off" }.to_owned();
+        [
+            ("protocol", self.protocol_hash.clone()),
+            ("current", self.current.to_string()),
+            ("range", self.range.to_string()),
+            ("NPLC", self.nplc.to_string()),
+            ("settle", format!("{:?}", self.settle)),
+            ("wiring", self.wiring.clone()),
+            ("autozero", word(precautions.autozero)),
+            ("current reversal", word(precautions.reversal)),
+            ("zero-current frame", word(precautions.zeroed)),
+            ("channel delay", format!("{:?}", precautions.channel_delay)),
+        ]
     }
 }
 
