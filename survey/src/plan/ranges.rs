@@ -45,6 +45,25 @@ pub struct Resolution {
     pub fixed: Volts,
 }
 
+impl Step {
+    /// The ranges of the step's readings, each with its reading's place in the frame (none outside the protocol) and
+    /// with its pair, if the step has it.
+    fn ranged(&mut self) -> Vec<(Option<usize>, Option<Dipole>, &mut Option<Volts>)> {
+        match self {
+            Self::Scan { channels } => channels
+                .iter_mut()
+                .map(|one| (one.reading, Some(one.sense), &mut one.range))
+                .collect(),
+            Self::Chain { routes } => routes
+                .iter_mut()
+                .map(|one| (Some(one.reading), Some(one.sense), &mut one.range))
+                .collect(),
+            Self::Read { reading, range } => vec![(Some(*reading), None, range)],
+            _ => Vec::new(),
+        }
+    }
+}
+
 impl Plan {
     /// Gives every reading the range that it needs, including scanned readings outside the protocol. A range without an
     /// expected value is kept.
@@ -54,31 +73,19 @@ impl Plan {
         rule: &RangeRule,
         expected: impl Fn(Measurement) -> Option<Volts>,
     ) -> Self {
-        let choose = |drive, sense| rule.choose(expected(Measurement { drive, sense })?);
         let measurements = self.protocol.measurements();
         let mut driven: Option<Dipole> = None;
         for step in &mut self.steps {
-            match step {
-                Step::Break { drive, .. } | Step::Overlap { drive, .. } => driven = Some(*drive),
-                Step::Scan { channels } => {
-                    for channel in channels {
-                        let chosen = driven.and_then(|drive| choose(drive, channel.sense));
-                        channel.range = chosen.or(channel.range);
-                    }
-                }
-                Step::Chain { routes } => {
-                    for route in routes {
-                        let chosen = driven.and_then(|drive| choose(drive, route.sense));
-                        route.range = chosen.or(route.range);
-                    }
-                }
-                Step::Read { reading, range } => {
-                    let chosen = measurements
-                        .get(*reading)
-                        .and_then(|requested| choose(requested.drive, requested.sense));
-                    *range = chosen.or(*range);
-                }
-                _ => {}
+            if let Step::Break { drive, .. } | Step::Overlap { drive, .. } = step {
+                driven = Some(*drive);
+            }
+            for (reading, sense, range) in step.ranged() {
+                let measurement = match sense {
+                    Some(sense) => driven.map(|drive| Measurement { drive, sense }),
+                    None => reading.and_then(|reading| measurements.get(reading).copied()),
+                };
+                let chosen = measurement.and_then(|one| rule.choose(expected(one)?));
+                *range = chosen.or(*range);
             }
         }
         self
@@ -109,28 +116,9 @@ impl Plan {
             .filter(|(reading, _)| overloaded.contains(reading))
             .filter_map(|(reading, range)| Some((reading, rule.next(range?)?)))
             .collect();
-        for step in &mut self.steps {
-            match step {
-                Step::Scan { channels } => {
-                    for channel in channels {
-                        if let Some(range) = channel.reading.and_then(|at| wider.get(&at)) {
-                            channel.range = Some(*range);
-                        }
-                    }
-                }
-                Step::Chain { routes } => {
-                    for route in routes {
-                        if let Some(range) = wider.get(&route.reading) {
-                            route.range = Some(*range);
-                        }
-                    }
-                }
-                Step::Read { reading, range } => {
-                    if let Some(wide) = wider.get(reading) {
-                        *range = Some(*wide);
-                    }
-                }
-                _ => {}
+        for (reading, _, range) in self.steps.iter_mut().flat_map(Step::ranged) {
+            if let Some(wide) = reading.and_then(|reading| wider.get(&reading)) {
+                *range = Some(*wide);
             }
         }
         wider.into_iter().collect()
