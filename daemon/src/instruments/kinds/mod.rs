@@ -194,6 +194,10 @@ macro_rules! with {
 }
 
 impl Switch for AnySwitch {
+    async fn prepare_for_silence(&mut self, longest: Duration) -> Result<(), RigError> {
+        with!(self, switch => switch.prepare_for_silence(longest).await)
+    }
+
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         with!(self, switch => switch.move_relays(moves).await)
     }
@@ -327,13 +331,31 @@ pub(crate) async fn relay_cycles(
 
 #[cfg(all(test, feature = "simulator"))]
 mod tests {
-    use super::MODELS;
+    use rig::Link;
+    use simulator::{Instrument, Profile, Scene, SimulatedRig};
+
+    use super::*;
 
     #[test]
     fn every_model_has_a_simulator() {
         for model in MODELS {
-            let simulated = simulator::Instrument::named(model.simulated);
+            let simulated = Instrument::named(model.simulated);
             assert!(simulated.is_some(), "{}: {}", model.name, model.simulated);
         }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_board_waits_for_the_longest_silence() {
+        let seconds = Duration::from_secs;
+        let profile = Profile::shipped("gpio-board").unwrap();
+        let rig = SimulatedRig::new(&profile, Scene::quiet()).unwrap();
+        let link = Link::new(rig.connect(Instrument::Board), "board", seconds(5));
+        let mut switch = AnySwitch::Serial(GpioMux::connect(link).await.unwrap());
+        switch.prepare_for_silence(seconds(60)).await.unwrap();
+        let relays = [Relay(101), Relay(202)];
+        let close = [Move::Close(relays.to_vec())];
+        switch.move_relays(&close).await.unwrap();
+        tokio::time::sleep(seconds(60)).await;
+        assert_eq!(switch.closed(&relays).await.unwrap(), [true, true]);
     }
 }
