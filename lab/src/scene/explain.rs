@@ -51,8 +51,11 @@ impl EffectStatus {
     }
 }
 
-/// Headings and members of the groups of the table of effects; each group lists its largest effect first.
-const GROUPS: [(&str, fn(&Prediction, EffectStatus) -> bool); 3] = [
+/// Heading and members of a group of the table of effects.
+type Group = (&'static str, fn(&Prediction, EffectStatus) -> bool);
+
+/// Each group lists its largest effect first.
+const GROUPS: [Group; 3] = [
     ("in the scene:", |prediction, _| prediction.named),
     ("left out, and it would matter:", |_, verdict| {
         matches!(verdict, EffectStatus::Missing | EffectStatus::Fault)
