@@ -38,8 +38,8 @@ pub fn baseline_remarks(
     if let Some(before) = before {
         let noise = against(baseline) * (per_frame(baseline) + per_frame(before)).sqrt();
         let change = (before.readings.as_slice(), baseline.readings.as_slice());
-        if mostly_loss(model, change)
-            && let Some(seen) = loss_between(model, change, noise, LEAST_CHANGE)
+        if let Some(seen) = loss_between(model, change, noise, LEAST_CHANGE)
+            && mostly_loss(model, change)
         {
             remarks.push(format!(
                 "against baseline {} it {seen}{TAKE_OFF}",
@@ -48,8 +48,8 @@ pub fn baseline_remarks(
         }
         // the reverse comparison: a load on the sheet during the previous baseline
         let reverse = (change.1, change.0);
-        if mostly_loss(model, reverse)
-            && let Some(seen) = loss_between(model, reverse, noise, LEAST_CHANGE)
+        if let Some(seen) = loss_between(model, reverse, noise, LEAST_CHANGE)
+            && mostly_loss(model, reverse)
         {
             remarks.push(format!(
                 "the baseline before it, {}, {seen}: that one may have been recorded with a load",
