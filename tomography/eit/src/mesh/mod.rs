@@ -18,6 +18,7 @@ pub use depth::Depth;
 pub(crate) use depth::Mode;
 pub use error::MeshError;
 use kept::Kept;
+use polygon::left_of;
 
 /// Area, as a share of the whole sheet, below which a triangle counts as degenerate.
 const SMALLEST_AREA: f64 = 1e-12;
@@ -331,7 +332,7 @@ pub fn bounding_box(points: impl IntoIterator<Item = [f64; 2]>) -> [[f64; 2]; 2]
 
 /// The signed area.
 pub(crate) fn signed_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
-    0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+    0.5 * left_of([a, b], c)
 }
 
 /// The angles at the corners, radian.
