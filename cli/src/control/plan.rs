@@ -49,43 +49,28 @@ fn json_line(report: &PlanReport) -> Value {
     });
     // how each reading is taken; not reported by an older daemon
     let measuring = more.nplc.map(|nplc| {
-        [
-            ("nplc", json!(nplc)),
-            ("averages", json!(more.averages.unwrap_or_default())),
-            ("autozero", json!(more.autozero.unwrap_or_default())),
-            ("settle_s", json!(more.settle_s.unwrap_or_default())),
-            (
-                "channel_delay_s",
-                json!(more.channel_delay_s.unwrap_or_default()),
-            ),
-            ("reversal", json!(more.reversal.unwrap_or_default())),
-            ("zero_every", json!(more.zero_every.unwrap_or_default())),
-            ("range_v", json!(more.range_v.unwrap_or_default())),
-            (
-                "planned_ranges",
-                json!(more.planned_ranges.unwrap_or_default()),
-            ),
-            (
-                "range_changes",
-                json!(more.range_changes.unwrap_or_default()),
-            ),
-            ("range_time_s", json!(more.range_time_s.unwrap_or_default())),
-            (
-                "noise_fixed_v",
-                json!(more.noise_fixed_v.unwrap_or_default()),
-            ),
-            ("noise_v", json!(more.noise_v.unwrap_or_default())),
-            (
-                "noise_median_v",
-                json!(more.noise_median_v.unwrap_or_default()),
-            ),
-            ("skip", json!(more.skip.unwrap_or_default())),
-            ("half", json!(more.half.unwrap_or_default())),
-            ("costs", json!(more.costs())),
-        ]
+        json!({
+            "nplc": nplc,
+            "averages": more.averages.unwrap_or_default(),
+            "autozero": more.autozero.unwrap_or_default(),
+            "settle_s": more.settle_s.unwrap_or_default(),
+            "channel_delay_s": more.channel_delay_s.unwrap_or_default(),
+            "reversal": more.reversal.unwrap_or_default(),
+            "zero_every": more.zero_every.unwrap_or_default(),
+            "range_v": more.range_v.unwrap_or_default(),
+            "planned_ranges": more.planned_ranges.unwrap_or_default(),
+            "range_changes": more.range_changes.unwrap_or_default(),
+            "range_time_s": more.range_time_s.unwrap_or_default(),
+            "noise_fixed_v": more.noise_fixed_v.unwrap_or_default(),
+            "noise_v": more.noise_v.unwrap_or_default(),
+            "noise_median_v": more.noise_median_v.unwrap_or_default(),
+            "skip": more.skip.unwrap_or_default(),
+            "half": more.half.unwrap_or_default(),
+            "costs": more.costs(),
+        })
     });
-    for (key, value) in measuring.into_iter().flatten() {
-        line[key] = value;
+    for (key, value) in measuring.iter().filter_map(Value::as_object).flatten() {
+        line[key] = value.clone();
     }
     line["lines"] = json!(report.lines);
     line
