@@ -211,112 +211,117 @@ mod tests {
         }
     }
 
-    fn alarms() -> Alarms {
-        let mut alarms = Alarms::default();
-        alarms.set_rules(vec![rule()]);
-        alarms
+    fn beyond() -> Judgement {
+        Judgement::Beyond("9 kPa".to_owned())
     }
 
-    /// The phases of the notifications of one check after a judgement at this second.
-    fn check(
-        notices: &mut Notices,
-        alarms: &mut Alarms,
+    /// An alarm and its notifications.
+    struct Scene {
+        notices: Notices,
+        alarms: Alarms,
         begin: Instant,
-        second: u32,
-        judgement: Judgement,
-    ) -> Vec<Phase> {
-        alarms.judge(NAME, f64::from(second), judgement);
-        let now = begin + Duration::from_secs(second.into());
-        let due = notices.due(now, alarms, Duration::from_secs(60));
-        due.into_iter().map(|message| message.phase).collect()
     }
 
-    fn order(alarms: &mut Alarms, second: u32, order: &Order) {
-        let ordered = alarms.order(NAME, second.into(), order, "user 7", "");
-        ordered.unwrap();
+    impl Scene {
+        fn new() -> Self {
+            let mut alarms = Alarms::default();
+            alarms.set_rules(vec![rule()]);
+            Self {
+                notices: Notices::default(),
+                alarms,
+                begin: Instant::now(),
+            }
+        }
+
+        /// The notifications of one check at this second.
+        fn due(&mut self, second: u32, again: Duration) -> Vec<Message> {
+            let now = self.begin + Duration::from_secs(second.into());
+            self.notices.due(now, &self.alarms, again)
+        }
+
+        /// The phases of the notifications of one check after a judgement at this second.
+        fn judged(&mut self, second: u32, judgement: Judgement) -> Vec<Phase> {
+            self.alarms.judge(NAME, f64::from(second), judgement);
+            let due = self.due(second, Duration::from_secs(60));
+            due.into_iter().map(|message| message.phase).collect()
+        }
+
+        fn order(&mut self, second: u32, order: &Order) {
+            let ordered = self.alarms.order(NAME, second.into(), order, "user 7", "");
+            ordered.unwrap();
+        }
     }
 
     #[tokio::test(start_paused = true)]
     async fn no_alarm_is_notified_as_over_because_it_is_shelved() {
-        let beyond = || Judgement::Beyond("9 kPa".to_owned());
-        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
-        let mut at = |alarms: &mut Alarms, second, judgement| {
-            check(&mut notices, alarms, begin, second, judgement)
-        };
-        assert_eq!(at(&mut alarms, 0, beyond()), [Phase::Begun]);
-        order(&mut alarms, 1, &Order::Shelve(100.0));
-        assert_eq!(at(&mut alarms, 2, beyond()), []);
+        let mut scene = Scene::new();
+        assert_eq!(scene.judged(0, beyond()), [Phase::Begun]);
+        scene.order(1, &Order::Shelve(100.0));
+        assert_eq!(scene.judged(2, beyond()), []);
         // its beginning is notified again when it is no longer shelved
-        assert_eq!(at(&mut alarms, 101, beyond()), [Phase::Begun]);
-        order(&mut alarms, 102, &Order::OutOfService);
-        assert_eq!(at(&mut alarms, 103, beyond()), []);
+        assert_eq!(scene.judged(101, beyond()), [Phase::Begun]);
+        scene.order(102, &Order::OutOfService);
+        assert_eq!(scene.judged(103, beyond()), []);
         // its end is notified when it is in service again
-        assert_eq!(at(&mut alarms, 104, Judgement::Within), []);
-        order(&mut alarms, 105, &Order::InService);
-        assert_eq!(at(&mut alarms, 106, Judgement::Within), [Phase::Ended]);
-        assert_eq!(at(&mut alarms, 200, beyond()), [Phase::Begun]);
+        assert_eq!(scene.judged(104, Judgement::Within), []);
+        scene.order(105, &Order::InService);
+        assert_eq!(scene.judged(106, Judgement::Within), [Phase::Ended]);
+        assert_eq!(scene.judged(200, beyond()), [Phase::Begun]);
         // shelving without a time ends with the alarm
-        order(&mut alarms, 201, &Order::ShelveOnce);
-        assert_eq!(at(&mut alarms, 202, beyond()), []);
-        assert_eq!(at(&mut alarms, 203, Judgement::Within), [Phase::Ended]);
+        scene.order(201, &Order::ShelveOnce);
+        assert_eq!(scene.judged(202, beyond()), []);
+        assert_eq!(scene.judged(203, Judgement::Within), [Phase::Ended]);
     }
 
     #[tokio::test(start_paused = true)]
     async fn an_alarm_whose_rule_is_removed_is_notified_as_over() {
-        let beyond = || Judgement::Beyond("9 kPa".to_owned());
-        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
-        let mut at = |alarms: &mut Alarms, second, judgement| {
-            check(&mut notices, alarms, begin, second, judgement)
-        };
-        assert_eq!(at(&mut alarms, 0, beyond()), [Phase::Begun]);
-        alarms.set_rules(Vec::new());
+        let mut scene = Scene::new();
+        assert_eq!(scene.judged(0, beyond()), [Phase::Begun]);
+        scene.alarms.set_rules(Vec::new());
         // it stays until it is acknowledged
-        assert_eq!(at(&mut alarms, 1, beyond()), []);
-        order(&mut alarms, 2, &Order::Acknowledge);
-        assert_eq!(at(&mut alarms, 3, beyond()), [Phase::Ended]);
-        assert_eq!(at(&mut alarms, 4, beyond()), []);
+        assert_eq!(scene.judged(1, beyond()), []);
+        scene.order(2, &Order::Acknowledge);
+        assert_eq!(scene.judged(3, beyond()), [Phase::Ended]);
+        assert_eq!(scene.judged(4, beyond()), []);
         // a rule of the same name begins anew
-        alarms.set_rules(vec![rule()]);
-        assert_eq!(at(&mut alarms, 5, Judgement::Within), []);
-        assert_eq!(at(&mut alarms, 6, beyond()), [Phase::Begun]);
+        scene.alarms.set_rules(vec![rule()]);
+        assert_eq!(scene.judged(5, Judgement::Within), []);
+        assert_eq!(scene.judged(6, beyond()), [Phase::Begun]);
     }
 
     #[tokio::test(start_paused = true)]
     async fn end_names_its_cause_if_the_rule_comes_back_at_once() {
-        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
-        let mut text = |alarms: &Alarms, second| {
-            let now = begin + Duration::from_secs(second);
-            let due = notices.due(now, alarms, AGAIN);
-            let each = due.into_iter().map(|message| (message.phase, message.text));
-            each.collect::<Vec<_>>()
+        let mut scene = Scene::new();
+        let text = |scene: &mut Scene, second| {
+            let due = scene.due(second, AGAIN).into_iter();
+            due.map(|message| (message.phase, message.text))
+                .collect::<Vec<_>>()
         };
         for cause in ["9 kPa", "11 kPa"] {
-            alarms.judge(NAME, 0.0, Judgement::Beyond(cause.to_owned()));
-            text(&alarms, 0);
+            scene
+                .alarms
+                .judge(NAME, 0.0, Judgement::Beyond(cause.to_owned()));
+            text(&mut scene, 0);
         }
-        order(&mut alarms, 1, &Order::Acknowledge);
+        scene.order(1, &Order::Acknowledge);
         // between two checks
-        alarms.set_rules(Vec::new());
-        alarms.set_rules(vec![rule()]);
+        scene.alarms.set_rules(Vec::new());
+        scene.alarms.set_rules(vec![rule()]);
         let ended = (Phase::Ended, "over; it was: 11 kPa".to_owned());
-        assert_eq!(text(&alarms, 5), [ended]);
-        assert_eq!(text(&alarms, 10), []);
+        assert_eq!(text(&mut scene, 5), [ended]);
+        assert_eq!(text(&mut scene, 10), []);
     }
 
     #[tokio::test(start_paused = true)]
     async fn an_alarm_that_ends_and_begins_between_two_checks_is_new() {
-        let beyond = || Judgement::Beyond("9 kPa".to_owned());
-        let (mut notices, mut alarms, begin) = (Notices::default(), alarms(), Instant::now());
-        let mut at = |alarms: &mut Alarms, second, judgement| {
-            check(&mut notices, alarms, begin, second, judgement)
-        };
-        assert_eq!(at(&mut alarms, 0, beyond()), [Phase::Begun]);
-        order(&mut alarms, 1, &Order::Acknowledge);
-        alarms.set_rules(Vec::new());
-        alarms.set_rules(vec![rule()]);
+        let mut scene = Scene::new();
+        assert_eq!(scene.judged(0, beyond()), [Phase::Begun]);
+        scene.order(1, &Order::Acknowledge);
+        scene.alarms.set_rules(Vec::new());
+        scene.alarms.set_rules(vec![rule()]);
         // within the time in which a beginning is notified once
-        assert_eq!(at(&mut alarms, 2, beyond()), []);
-        assert_eq!(at(&mut alarms, 61, beyond()), [Phase::Begun]);
-        assert_eq!(at(&mut alarms, 62, beyond()), []);
+        assert_eq!(scene.judged(2, beyond()), []);
+        assert_eq!(scene.judged(61, beyond()), [Phase::Begun]);
+        assert_eq!(scene.judged(62, beyond()), []);
     }
 }
