@@ -129,6 +129,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "  packing {packing:?} a frame, reading {reading:?} a frame, every bit the same: {same}"
         );
         std::fs::remove_file(&path)?;
+        if !same {
+            return Err("a frame was read back with other bits".into());
+        }
     }
     Ok(())
 }

@@ -71,6 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         verified.frames,
         verified.findings.len()
     );
+    assert!(verified.findings.is_empty(), "{:?}", verified.findings);
     std::fs::remove_file(&path)?;
     Ok(())
 }

@@ -2,7 +2,7 @@
 //! in it has an event that explains it, and the source is off.
 //!
 //! ```text
-//! cargo run -p tactus-tests --example month [-- FRAMES [SEED]]
+//! cargo run --release -p tactus-tests --example month [-- FRAMES [SEED]]
 //! ```
 //!
 //! 4,320 frames by default, one per ten minutes of the scene. This process serves the instruments over TCP; every tenth

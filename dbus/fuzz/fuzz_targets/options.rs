@@ -7,7 +7,7 @@
 
 use dbus::{
     DiscoverOptions, InvalidOption, ListOptions, MEASURING_OPTIONS, Options, SessionOptions,
-    StreamOptions, TranscriptOptions,
+    ShelveOptions, StreamOptions, TranscriptOptions,
 };
 use libfuzzer_sys::fuzz_target;
 use zbus::wire::serialized::{Context, Data};
@@ -46,6 +46,7 @@ fn ask(options: &Options) {
     check(options, options.read::<DiscoverOptions>().err());
     check(options, options.read::<TranscriptOptions>().err());
     check(options, options.read::<StreamOptions>().err());
+    check(options, options.read::<ShelveOptions>().err());
     for key in options.0.keys() {
         assert!(options.number(key).is_none_or(f64::is_finite));
         // a value is of one type at most

@@ -17,15 +17,15 @@ fuzz_target!(|bytes: &[u8]| {
     let mut framed = Vec::with_capacity(40 + bytes.len());
     framed.extend((36 + bytes.len() as u32).to_le_bytes());
     framed.extend(VERSION.to_le_bytes());
-    framed.extend(u16::from(kind % 6).to_le_bytes());
+    framed.extend(u16::from(kind % 10).to_le_bytes());
     framed.extend(sequence.to_le_bytes());
     framed.extend(sequence.rotate_right(5).to_le_bytes());
     framed.extend(u64::from(cut).to_le_bytes());
     framed.extend(u32::from(count & 1).to_le_bytes());
     // The count that fits the length, or a count from the fuzzer's input.
-    let fitting = match kind % 6 {
+    let fitting = match kind % 10 {
         1 => bytes.len() / 9,
-        3 => bytes.len(),
+        3 | 5 | 6 | 7 => bytes.len(),
         4 => (bytes.len() / 8).saturating_sub(1),
         _ => usize::from(count),
     };
