@@ -1,5 +1,5 @@
 //! Decides which alarms are notified and when: once at the beginning and once at the end of an alarm. An alarm that
-//! begins repeatedly is rate-limited.
+//! begins repeatedly, or a latched one whose condition comes back, is rate-limited.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -45,10 +45,12 @@ pub(crate) struct Notices(BTreeMap<String, Notice>);
 #[derive(Debug, Default)]
 struct Notice {
     /// When the alarm became active, s, if it was active, and neither shelved nor out of service, at the last check.
-    /// With another time, it has ended and begun since then.
+    /// With another time, it has begun again since then.
     active_since: Option<f64>,
-    /// Whether its beginning was notified, so that its end will be.
+    /// Whether this beginning was notified.
     reported: bool,
+    /// Whether a beginning was notified and no end since then, so that the end will be.
+    end_due: bool,
     /// The cause at the last check at which the alarm was active. If the rule was removed and added again since then,
     /// the alarm has a new state without a cause.
     cause: String,
@@ -80,7 +82,7 @@ impl Notices {
         }
         self.0.retain(|name, notice| {
             let kept = alarms.get(name).is_some();
-            if !kept && notice.reported {
+            if !kept && notice.end_due {
                 messages.push(Message {
                     kind: name.clone(),
                     phase: Phase::Ended,
@@ -94,7 +96,7 @@ impl Notices {
 }
 
 impl Notice {
-    /// The alarm is shelved or out of service, which does not end it: `reported` is kept.
+    /// The alarm is shelved or out of service, which does not end it: its end is still due.
     fn set_aside(&mut self) {
         self.active_since = None;
     }
@@ -114,13 +116,13 @@ impl Notice {
         };
         let last_since = std::mem::replace(&mut self.active_since, active_since);
         if active_since.is_none() {
-            let reported = std::mem::take(&mut self.reported);
+            let end_due = std::mem::take(&mut self.end_due);
             let last = std::mem::take(&mut self.cause);
             let cause = match cause {
                 "" => last.as_str(),
                 cause => cause,
             };
-            return reported.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
+            return end_due.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
         }
         cause.clone_into(&mut self.cause);
         if last_since != active_since {
@@ -134,7 +136,7 @@ impl Notice {
         if self.reported || !may {
             return None;
         }
-        self.reported = true;
+        (self.reported, self.end_due) = (true, true);
         self.last = Some(now);
         let before = std::mem::take(&mut self.unreported).saturating_sub(1);
         let text = match before {
@@ -323,5 +325,25 @@ mod tests {
         assert_eq!(scene.judged(2, beyond()), []);
         assert_eq!(scene.judged(61, beyond()), [Phase::Begun]);
         assert_eq!(scene.judged(62, beyond()), []);
+        for second in [63, 64] {
+            scene
+                .alarms
+                .judge(NAME, f64::from(second), Judgement::Within);
+            assert_eq!(scene.judged(second, beyond()), []);
+        }
+        // the beginning at 61 s was notified: so is the end, though the last beginning was not
+        assert_eq!(scene.judged(65, Judgement::Within), [Phase::Ended]);
+        assert_eq!(scene.judged(66, Judgement::Within), []);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_end_is_notified_soon_after_the_alarm_is_unshelved() {
+        let mut scene = Scene::new();
+        assert_eq!(scene.judged(0, beyond()), [Phase::Begun]);
+        scene.order(1, &Order::Shelve(10.0));
+        assert_eq!(scene.judged(2, beyond()), []);
+        // active again, within the time in which a beginning is notified once
+        assert_eq!(scene.judged(12, beyond()), []);
+        assert_eq!(scene.judged(13, Judgement::Within), [Phase::Ended]);
     }
 }
