@@ -20,7 +20,8 @@ const WATCHDOG_MARGIN: Duration = Duration::from_secs(2);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
     /// The board opens everything when no command arrives for this long; zero disables the watchdog. Extended by
-    /// [`Switch::prepare_for_silence`] if settling and reading take longer, because no command is sent meanwhile.
+    /// [`Switch::prepare_for_silence`] if settling and reading take longer, because no command is sent meanwhile. The
+    /// rig knows the time of a reading only if [`rig::MeterSettings::deadline`] is set.
     pub watchdog: Duration,
     /// Wait after every move (section 3: 5 x (R_on + R_sample) x C_cable, at least 50 us).
     pub settling: Duration,

@@ -335,6 +335,7 @@ mod tests {
     use simulator::{Instrument, Profile, Scene, SimulatedRig};
 
     use super::*;
+    use crate::preparation::{FramesFrom, prepare};
 
     #[test]
     fn every_model_has_a_simulator() {
@@ -357,5 +358,42 @@ mod tests {
         switch.move_relays(&close).await.unwrap();
         tokio::time::sleep(seconds(60)).await;
         assert_eq!(switch.closed(&relays).await.unwrap(), [true, true]);
+    }
+
+    /// Eight electrodes on a board, each reading 8 s: 200 power-line cycles of 20 ms, and as long for the zero.
+    const SLOW: &str = "[rig]\nprofile = \"gpio-board\"\n[wiring]\nkind = \"gpio-board\"\n\
+                        [geometry]\npreset = \"disc-tank\"\n[geometry.disc-tank]\nelectrodes = 8\n\
+                        [survey]\ncompliance_v = 4.5\nnplc = 200\nautozero = true\n[record]\ndirectory = \"state\"\n";
+
+    #[tokio::test(start_paused = true)]
+    async fn a_board_stays_closed_in_a_self_test_of_slow_readings() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        std::fs::write(&path, SLOW).unwrap();
+        let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
+        let FramesFrom::Rig(plan) = &prepared.frames else {
+            panic!("it is a rig");
+        };
+        let simulated = prepared.simulated_rig().unwrap();
+        let by = Connector {
+            plan,
+            simulated_rig: simulated.as_ref(),
+            transcript: None,
+        };
+        let source = connect_source(by).await.unwrap();
+        let others = SwitchAndVoltmeter::connect(by).await.unwrap();
+        let rig = others.with_source(source, true);
+        let (_button, stop) = rig::Stop::button();
+        let request = Request {
+            plan: &self_test::with_neighbours(&plan.plan).unwrap(),
+            meter: plan.meter,
+            wide: range_for(plan.plan.compliance),
+            meter_relays: Vec::new(),
+            settle: plan.plan.settle,
+            stop,
+            progress: &|_, _, _| {},
+        };
+        let probed = probe(&rig, request).await;
+        assert!(probed.is_ok(), "{:?}", probed.err());
     }
 }

@@ -139,8 +139,8 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
             .source
             .prepare(plan.current, plan.compliance)
             .await?;
-        // no relay moves while an injection settles and is read
-        let silence = self.request.settle + self.request.meter.deadline.unwrap_or_default();
+        // no relay moves while an injection settles and is read, at 0 A too in some tests
+        let silence = self.request.settle + self.request.meter.deadline.unwrap_or_default() * 2;
         self.rig.switch.prepare_for_silence(silence).await?;
         let mut raw = Measured::default();
         self.prepare(self.request.meter).await?;
