@@ -85,10 +85,14 @@ impl DaemonLog {
         Ok(())
     }
 
-    /// Whether the open file is still the one at its path: what is written to a moved or deleted file is lost.
+    /// Whether the open file is still the one at its path: what is written to a moved or deleted file is lost. A path
+    /// that cannot be examined is no reason to give up the open file.
     fn is_at(&self, path: &Path) -> bool {
-        let files = (std::fs::metadata(path), self.file.metadata());
-        matches!(files, (Ok(there), Ok(open)) if inode(&there) == inode(&open))
+        match (std::fs::metadata(path), self.file.metadata()) {
+            (Ok(there), Ok(open)) => inode(&there) == inode(&open),
+            (Err(cause), _) => cause.kind() != ErrorKind::NotFound,
+            (Ok(_), Err(_)) => true,
+        }
     }
 }
 
