@@ -144,14 +144,15 @@ impl<I: Interface> Interface for Guarded<I> {
     // `Session1.Wait` holds for reading.
     fn set<'call>(
         &'call self,
-        _: &'call str,
+        property: &'call str,
         _: &'call Variant<'_>,
         _: &'call ObjectServer,
         _: &'call Connection,
         _: Option<&'call Header<'_>>,
         _: &'call SignalEmitter<'_>,
     ) -> DispatchResult<'call> {
-        DispatchResult::NotFound
+        let refused = fdo::Error::PropertyReadOnly(format!("property '{property}' cannot be set"));
+        DispatchResult::Async(Box::pin(std::future::ready(Err(refused.into()))))
     }
 
     async fn set_mut(
