@@ -123,7 +123,7 @@ kinds! {
     MethodSuspended "method-suspended", Error, Session, "Reconstruction failed; frames are recorded without maps", "Report it; `tactus replay` makes the maps later";
     MapsMissed "maps-missed", Warn, Session, "Maps were not ready in time; their frames are in the record", "Choose a faster method, or a map for every n-th frame";
     Tracking "tracking", Warn, Session, "The tracked baseline: an electrode is excluded or used again, maps are no longer or again known to be true, or the baseline cannot be tracked", "Read the text: it states the remedy";
-    Quantities "quantities", Warn, Session, "Dose, time without relief and hot spots begin again or omit frames after a crash, or quantities cannot be stored", "`tactus quantities --recompute` computes them from the frames";
+    Quantities "quantities", Warn, Session, "Dose, unrelieved time and hot spots begin again or omit frames after a crash, or quantities cannot be stored", "`tactus quantities --recompute` computes them from the frames";
     TrackingOrdered imaging::tracking::ORDERED, Info, Session, "A person overruled the tracked baseline: the order, and the first frame for which it is valid", "Nothing";
     DiskLow "disk-low", Warn, Session, "Little space is left for the record", "Free space";
     DiskEnough "disk-enough", Warn, Session, "There is enough space again", "Nothing";
@@ -139,9 +139,9 @@ kinds! {
     Metrics "metrics", Warn, Journal, "The address of `[metrics]` cannot be listened on", "Choose another address, reload";
     CallsLost "calls-lost", Warn, Journal, "Calls of a client that requested no reply were discarded", "Find the client that sends too many";
     PeerSocket "peer-socket", Warn, Journal, "The peer socket could not accept a connection", "Check the limit of open files";
-    Strangers "strangers", Warn, Journal, "A user without permission was refused at the peer socket", "Add the user to the group `tactus` if access is intended";
+    PeerUnauthorised "peer-unauthorised", Warn, Journal, "A user without permission was refused at the peer socket", "Add the user to the group `tactus` if access is intended";
     PeersRefused "peers-refused", Warn, Journal, "A user has too many connections to the peer socket", "Close some of them";
-    Greetings "greetings", Warn, Journal, "A client of the peer socket did not authenticate as D-Bus requires", "Check that client";
+    PeerAuthenticationFailed "peer-authentication-failed", Warn, Journal, "A client of the peer socket did not authenticate as D-Bus requires", "Check that client";
 }
 
 impl EventKind {

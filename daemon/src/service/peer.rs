@@ -105,7 +105,9 @@ async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: H
         let text = format!(
             "a user was refused at the peer socket: only root, the daemon's user and members of the group {GROUP} may connect"
         );
-        controller.events.journal(EventKind::Strangers, &text);
+        controller
+            .events
+            .journal(EventKind::PeerUnauthorised, &text);
         return;
     };
     let _permit = match CONNECTIONS.take(caller.counted()) {
@@ -127,7 +129,9 @@ async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: H
         Ok(Err(why)) => {
             let user = caller.user();
             let text = format!("a connection of user {user} to the peer socket was closed: {why}");
-            return controller.events.journal(EventKind::Greetings, &text);
+            return controller
+                .events
+                .journal(EventKind::PeerAuthenticationFailed, &text);
         }
         Err(_) => return tracing::debug!("a client has connected and sent nothing"),
     };
