@@ -29,11 +29,7 @@ impl Meter {
                     return Err(QueuedError::CHANNEL_UNABLE);
                 }
             }
-            // removed before `set_scan`, which checks sensing partners by the functions of the channels
-            for relay in &list {
-                self.settings.channels.remove(relay);
-            }
-            self.set_scan(relays, list)?;
+            self.configure_scan(relays, list)?;
         }
         self.settings.format.fields.clear();
         self.reset_samples();

@@ -44,11 +44,7 @@ impl Meter {
         }
         if channels.is_some() {
             let list: Vec<Relay> = new.iter().filter_map(|(target, _)| *target).collect();
-            // removed before `set_scan`, which checks sensing partners by the functions of the channels
-            for relay in &list {
-                self.settings.channels.remove(relay);
-            }
-            self.set_scan(relays, list)?;
+            self.configure_scan(relays, list)?;
         }
         self.settings.format.fields.clear();
         self.reset_samples();

@@ -379,6 +379,21 @@ impl Meter {
         Ok(())
     }
 
+    /// Sets the scan list to channels that are about to be configured: they have no settings of their own before. Of a
+    /// refused list nothing is changed.
+    fn configure_scan(&mut self, relays: &Relays, list: Vec<Relay>) -> Result<(), QueuedError> {
+        let before = self.settings.channels.clone();
+        // `set_scan` checks sensing partners by the functions of the channels
+        self.settings
+            .channels
+            .retain(|relay, _| !list.contains(relay));
+        let set = self.set_scan(relays, list);
+        if set.is_err() {
+            self.settings.channels = before;
+        }
+        set
+    }
+
     pub(crate) fn set_ordered(
         &mut self,
         relays: &Relays,
