@@ -198,6 +198,16 @@ pub fn train(
         let training = sum / batches as f64;
         let held_out = held_out_loss(&mut descent, &feed, settings, &statistics)?;
         if !held_out.is_finite() {
+            if course.best.is_some() {
+                // the checkpoint stays at the last good epoch, so that a resumed run ends here too
+                progress(TrainingEvent::Epoch {
+                    epoch,
+                    training,
+                    held_out,
+                    best: false,
+                });
+                break;
+            }
             return Err(DeepFault::RanAway {
                 loss: held_out,
                 step: batches,
