@@ -227,6 +227,9 @@ class OneStep(_Estimator):
         prior = as_word("prior", self.prior, "noser", "tikhonov", "laplace", "gaussian")
         if prior != "noser":
             settings["prior"] = prior
+        for name, value, of in (("exponent", self.exponent, "noser"), ("length", self.length, "gaussian")):
+            if value is not None and prior != of:
+                raise ValueError(f"argument '{name}': prior is '{prior}'; expected '{of}', the only prior with this argument")
         if self.exponent is not None:
             settings["exponent"] = as_positive("exponent", self.exponent)
         if self.length is not None:

@@ -167,6 +167,8 @@ def test_parameters(forward, baseline, method, params, error, words):
         (dict(prior=None), TypeError, ["'prior'"]),
         (dict(exponent=-1.0), ValueError, ["'exponent'"]),
         (dict(prior="gaussian", length=0), ValueError, ["'length'"]),
+        (dict(prior="gaussian", exponent=0.5), ValueError, ["'exponent'", "'noser'"]),
+        (dict(length=0.02), ValueError, ["'length'", "'gaussian'"]),
         (dict(noise_figure=1.0, lam=0.5), ValueError, ["'noise_figure'", "'lam'"]),
         (dict(noise_figure=1e-9), ValueError, ["noise figure"]),
         (dict(lam=1e-300), ValueError, ["lambda"]),
