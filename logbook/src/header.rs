@@ -218,7 +218,7 @@ fn seed(hash: &str) -> Option<u32> {
 
 /// A frame as read from the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Record {
+pub struct FrameRecord {
     /// The frame, its sequence counted from 1.
     pub frame: Frame,
     /// Its quality checks.

@@ -8,7 +8,7 @@
 //!
 //! - **session**: one run of measurement, or the recording of a **baseline**; its **header** holds its settings and
 //!   origin
-//! - **record**: a frame as read from the file, with its quality and the hash of its map
+//! - **frame record**: a frame as read from the file, with its quality and the hash of its map
 //! - **event**: an occurrence to be found later, with its time
 //! - **part**: one file of a session that was rolled over; it names the part that it continues
 //! - **daemon log**: events that belong to no session, as lines of JSON, bounded in size
@@ -80,7 +80,7 @@ pub use crate::maintenance::repair::{CUT, LostFrames, Repaired, repair};
 pub use crate::maintenance::verify::{Finding, Gap, Verified, verify};
 pub use crate::writer::size::{Volume, volume};
 pub use header::{
-    About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
+    About, Closing, Event, FrameRecord, InstrumentRecord, MapRecord, SessionHeader, SessionKind,
     SessionSummary, Taken,
 };
 pub use outfile::folder_of;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use imaging::recorded::SessionParts;
-use logbook::{LogbookError, Record};
+use logbook::{LogbookError, FrameRecord};
 use numpy::PyArray1;
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError};
 use pyo3::prelude::*;
@@ -194,7 +194,7 @@ impl SessionFile {
 }
 
 impl Columns {
-    fn add(&mut self, record: &Record) {
+    fn add(&mut self, record: &FrameRecord) {
         let frame = &record.frame;
         self.sequence
             .push(i64::try_from(frame.sequence).unwrap_or(i64::MAX));

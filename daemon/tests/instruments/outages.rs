@@ -12,7 +12,7 @@ use crate::stage::{
     on_tcp, reported, within,
 };
 use dbus::{FrameDoneStream, Options, Session1Proxy};
-use logbook::{Record, SessionReader};
+use logbook::{FrameRecord, SessionReader};
 use rustix::process::Signal;
 use simulator::{Profile, ServeOptions, Server, SimulatedRig};
 
@@ -27,12 +27,12 @@ async fn frames_go_on(session: &Session1Proxy<'_>, frames: &mut FrameDoneStream,
     }
 }
 
-fn records(path: &str) -> Vec<Record> {
+fn records(path: &str) -> Vec<FrameRecord> {
     let reader = SessionReader::open(path).unwrap();
     reader.frames().map(|record| record.unwrap()).collect()
 }
 
-fn no_sequence_is_missing(records: &[Record]) {
+fn no_sequence_is_missing(records: &[FrameRecord]) {
     let sequences = records.iter().map(|record| record.frame.sequence);
     assert!(sequences.eq(1..=records.len() as u64));
 }
@@ -361,13 +361,13 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
         (lasted - places as f64 * EVERY_S).abs() < 60.0,
         "{places} places in {lasted} s"
     );
-    let apart = |record: &Record| {
+    let apart = |record: &FrameRecord| {
         let frame = &record.frame;
         (frame.wall - first.wall).as_seconds_f64()
             - (frame.monotonic - first.monotonic).as_secs_f64()
     };
     for off_s in [0, HOUR_S, -HOUR_S] {
-        let alike = |record: &&Record| (apart(record) - off_s as f64).abs() < 60.0;
+        let alike = |record: &&FrameRecord| (apart(record) - off_s as f64).abs() < 60.0;
         let of_this_time = records.iter().filter(alike).count();
         assert!(of_this_time >= 5, "{of_this_time} frames at {off_s:+} s");
     }

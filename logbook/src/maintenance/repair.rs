@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::files::{id_of, path_of};
 use crate::reader::SMALLEST;
-use crate::{LogbookError, Record, SessionHeader, SessionReader, SessionWriter, schema};
+use crate::{FrameRecord, LogbookError, SessionHeader, SessionReader, SessionWriter, schema};
 use outfile::folder_of;
 
 /// Kind of the event that lists the frames lost in a repair; its text begins with, for example, `frames 5 to 9 `.
@@ -95,7 +95,7 @@ pub fn repair(
         next: header.first_sequence,
         end: header.first_sequence + size / SMALLEST as u64 + u64::from(schema::PAGE),
     };
-    let mut group: Vec<Record> = Vec::new();
+    let mut group: Vec<FrameRecord> = Vec::new();
     for (number, found) in &mut next {
         met += 1;
         match found {
@@ -177,7 +177,7 @@ fn events(
 
 fn flush(
     writer: &mut SessionWriter,
-    group: &mut Vec<Record>,
+    group: &mut Vec<FrameRecord>,
     repaired: &mut Repaired,
 ) -> Result<(), LogbookError> {
     repaired.frames += group.len() as u64;
@@ -205,7 +205,7 @@ struct Rows<'a> {
 }
 
 impl Iterator for Rows<'_> {
-    type Item = (u64, Result<Record, LogbookError>);
+    type Item = (u64, Result<FrameRecord, LogbookError>);
 
     fn next(&mut self) -> Option<Self::Item> {
         while self.next < self.end {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::files::{id_of, part_of, parts};
 use crate::maintenance::prune::pruned_parts;
 use crate::writer::CONTINUED_IN;
-use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
+use crate::{CUT, Event, FrameRecord, LogbookError, RESUMED, SessionReader};
 use outfile::folder_of;
 
 /// A gap in a scheduled session: frames further apart than this many periods.
@@ -306,7 +306,7 @@ impl VerifyState {
         }
     }
 
-    fn frame(&mut self, part: &str, record: &Record) {
+    fn frame(&mut self, part: &str, record: &FrameRecord) {
         let sequence = record.frame.sequence;
         if let Some(expected) = self.expected
             && sequence > expected

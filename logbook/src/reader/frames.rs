@@ -11,7 +11,7 @@ use super::{SessionReader, microseconds, wall};
 use crate::row::{
     FrameExtras, StoredFrame, Stretch, late_map_checksum, mapper_checksum, unpack_trace,
 };
-use crate::{LogbookError, MapRecord, Record};
+use crate::{FrameRecord, LogbookError, MapRecord};
 
 /// Number of frames fetched at a time while iterating.
 const PAGE: u32 = 64;
@@ -21,7 +21,7 @@ impl SessionReader {
     ///
     /// # Errors
     /// No such frame, or a damaged one.
-    pub fn frame(&self, sequence: u64) -> Result<Record, LogbookError> {
+    pub fn frame(&self, sequence: u64) -> Result<FrameRecord, LogbookError> {
         let row = self.row(sequence)?;
         let Some(row) = row else {
             return Err(LogbookError::NoSuchFrame {
@@ -35,7 +35,7 @@ impl SessionReader {
     }
 
     /// A frame without its map record if that cannot be read; for a repair.
-    pub(crate) fn kept(&self, sequence: u64) -> Result<Option<Record>, LogbookError> {
+    pub(crate) fn kept(&self, sequence: u64) -> Result<Option<FrameRecord>, LogbookError> {
         let row = self.row(sequence)?;
         let mut known = RowCache {
             without_maps: true,
@@ -82,7 +82,7 @@ impl SessionReader {
     ///
     /// # Errors
     /// The file cannot be read, or that frame is damaged.
-    pub fn last(&self) -> Result<Option<Record>, LogbookError> {
+    pub fn last(&self) -> Result<Option<FrameRecord>, LogbookError> {
         match self.is_empty()? {
             true => Ok(None),
             false => self.frame(self.last_sequence()?).map(Some),
@@ -154,7 +154,11 @@ impl SessionReader {
         self.map_record(mapper, &trace).map(Some)
     }
 
-    fn unpack(&self, stored: StoredFrame, known: &mut RowCache) -> Result<Record, LogbookError> {
+    fn unpack(
+        &self,
+        stored: StoredFrame,
+        known: &mut RowCache,
+    ) -> Result<FrameRecord, LogbookError> {
         let StoredFrame { row, checksum } = stored;
         let place = || format!("frame {}", row.sequence);
         if checksum != row.checksum(self.header_checksum) {
@@ -195,7 +199,7 @@ impl SessionReader {
         let checks = self
             .checks
             .get_or_init(|| Checks::new(&self.header.protocol));
-        Ok(Record {
+        Ok(FrameRecord {
             quality: Quality {
                 reciprocity: checks.reciprocal(&frame),
                 loop_sum: row.loop_sum,
@@ -252,7 +256,7 @@ pub struct Frames<'a> {
 }
 
 impl Iterator for Frames<'_> {
-    type Item = Result<Record, LogbookError>;
+    type Item = Result<FrameRecord, LogbookError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.page.is_empty() && !self.ended {

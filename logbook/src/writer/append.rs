@@ -6,7 +6,7 @@ use super::rows::{self, Unwritten};
 use super::{SessionWriter, check_length, nanoseconds, span};
 use crate::codec::MOST_FRAMES;
 use crate::row::{FrameRow, Stretch, pack_trace};
-use crate::{LogbookError, MapRecord, Record};
+use crate::{FrameRecord, LogbookError, MapRecord};
 
 /// A frame, its map record, and its quality if it comes from another file.
 type FrameToWrite<'a> = (&'a Frame, Option<&'a MapRecord>, Option<&'a Quality>);
@@ -35,7 +35,7 @@ impl SessionWriter {
     }
 
     /// Writes frames read from another file, with their quality as recorded there.
-    pub(crate) fn append_kept(&mut self, records: &[Record]) -> Result<u64, LogbookError> {
+    pub(crate) fn append_kept(&mut self, records: &[FrameRecord]) -> Result<u64, LogbookError> {
         let kept = records
             .iter()
             .map(|kept| (&kept.frame, kept.map.as_ref(), Some(&kept.quality)));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use logbook::{LogbookError, Record, SessionReader};
+use logbook::{FrameRecord, LogbookError, SessionReader};
 
 #[derive(Debug, Default, PartialEq)]
 pub struct View {
@@ -27,7 +27,7 @@ fn shown(value: impl std::fmt::Debug) -> String {
     format!("{value:?}")
 }
 
-fn seen(record: Record) -> Seen {
+fn seen(record: FrameRecord) -> Seen {
     Seen {
         frame: shown((&record.frame, &record.quality)),
         map: record.map.map(shown),

@@ -120,7 +120,7 @@ pub(crate) fn baseline() -> Baseline {
     Baseline::from_frames("b1", &(1..5).map(frame).collect::<Vec<_>>()).unwrap()
 }
 
-pub(crate) fn assert_is(record: &logbook::Record, number: u64) {
+pub(crate) fn assert_is(record: &logbook::FrameRecord, number: u64) {
     let mut expected = frame(number);
     expected.sequence = number;
     assert_eq!(record.frame, expected);

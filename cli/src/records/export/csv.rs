@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use imaging::recorded::{SessionParts, table_time};
-use logbook::Record;
+use logbook::FrameRecord;
 use outfile::OutFile;
 use survey::{Baseline, Frame, Protocol};
 
@@ -106,7 +106,7 @@ fn frames_heading(readings: usize) -> String {
     heading
 }
 
-fn frame_row(record: &Record) -> String {
+fn frame_row(record: &FrameRecord) -> String {
     let frame = &record.frame;
     let mut row = format!(
         "{},{},{},{},{},{},{},{},{},{}",

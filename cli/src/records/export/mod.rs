@@ -13,7 +13,7 @@ use std::io::Write;
 use std::path::Path;
 
 use imaging::recorded::SessionParts;
-use logbook::{Record, SessionHeader, SessionKind};
+use logbook::{FrameRecord, SessionHeader, SessionKind};
 use serde::Serialize;
 use survey::{MapQuality, Reading};
 
@@ -192,7 +192,7 @@ fn check_comparable(session: &SessionParts) -> Result<(), Failure> {
 fn each_frame(
     session: &SessionParts,
     on_terminal: bool,
-    mut take: impl FnMut(Record) -> Result<(), Failure>,
+    mut take: impl FnMut(FrameRecord) -> Result<(), Failure>,
 ) -> Result<usize, Failure> {
     let bar = progress(Some(session.len()?), on_terminal);
     let mut damaged = 0;
@@ -236,7 +236,7 @@ fn finish(
 }
 
 /// The first readable frame, whose settings are those of the session.
-fn first_frame(session: &SessionParts) -> Result<Record, Failure> {
+fn first_frame(session: &SessionParts) -> Result<FrameRecord, Failure> {
     session.frames().find_map(Result::ok).ok_or_else(|| {
         Failure::Failed(format!(
             "session {} has no readable frame, so there is nothing to export; `tactus sessions` lists the frames of each session",
@@ -246,7 +246,7 @@ fn first_frame(session: &SessionParts) -> Result<Record, Failure> {
 }
 
 /// Time of a frame, s since 1970-01-01 UTC.
-fn seconds(record: &Record) -> f64 {
+fn seconds(record: &FrameRecord) -> f64 {
     record.frame.wall.timestamp_micros() as f64 / 1e6
 }
 

@@ -34,7 +34,7 @@ pub(crate) struct LogbookSink {
     pub heartbeats: Arc<Heartbeats>,
     pub disk: DiskPolicy,
     /// The last frame before a gap of a resumed session, for comparison with the next frame.
-    pub before: Option<logbook::Record>,
+    pub before: Option<logbook::FrameRecord>,
     /// Wall time at zero of the monotonic clock, computed from the last frame.
     pub began: Option<DateTime<Utc>>,
     /// Whether the frames are from a recording: they keep their wall times at any playback speed.

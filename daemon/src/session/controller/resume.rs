@@ -10,7 +10,7 @@ use crate::events::kind::EventKind;
 use chrono::{DateTime, TimeDelta, Utc};
 use dbus::{Fault, Options};
 use logbook::{
-    LogbookError, Record, Resumed, SessionHeader, SessionKind, SessionReader, SessionWriter,
+    FrameRecord, LogbookError, Resumed, SessionHeader, SessionKind, SessionReader, SessionWriter,
 };
 use rig::Clock;
 
@@ -32,7 +32,7 @@ pub(super) struct Interrupted {
     pub writer: SessionWriter,
     pub resumed: Resumed,
     /// The last frame before the gap.
-    pub last: Option<Record>,
+    pub last: Option<FrameRecord>,
     /// How long it had run when that frame was taken; 0 if its duration has no limit.
     run: Duration,
     /// Whether its daemon was stopped in an orderly way.

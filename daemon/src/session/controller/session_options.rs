@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use dbus::{ABOUT_OPTIONS, Fault, MEASURING_OPTIONS, Options, SESSION_OPTIONS, SessionOptions};
-use logbook::{About, LogbookError, Record};
+use logbook::{About, FrameRecord, LogbookError};
 use survey::{Baseline, Protocol, Settings, duration};
 
 use crate::acquisition::measuring::Measuring;
@@ -60,7 +60,7 @@ pub(super) struct Assignment {
     /// The event of the resumption, if it could not be written before the session was resumed.
     pub first_event: Option<String>,
     /// The last frame before the interruption.
-    pub before: Option<Record>,
+    pub before: Option<FrameRecord>,
 }
 
 /// Notes about the experiment: from the options, otherwise from the configuration.

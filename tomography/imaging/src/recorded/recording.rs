@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, Utc};
-use logbook::{Event, LogbookError, MapRecord, Record, SessionHeader};
+use logbook::{Event, FrameRecord, LogbookError, MapRecord, SessionHeader};
 use survey::{Amps, Protocol, Reading};
 
 use super::readings::{change_signs, first, mean};
@@ -360,11 +360,11 @@ fn recorded(
     last: u64,
     negate: bool,
 ) -> impl Iterator<Item = Result<RecordedFrame, LogbookError>> {
-    let frame = move |record: Result<Record, _>| Ok(of_record(record?, negate));
+    let frame = move |record: Result<FrameRecord, _>| Ok(of_record(record?, negate));
     parts.frames_between(first, last).map(frame)
 }
 
-fn of_record(record: Record, negate: bool) -> RecordedFrame {
+fn of_record(record: FrameRecord, negate: bool) -> RecordedFrame {
     let mut readings = record.frame.readings;
     if negate {
         change_signs(&mut readings);

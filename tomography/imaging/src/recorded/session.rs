@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use chrono::{DateTime, Utc};
-use logbook::{Event, LogbookError, Record, SessionHeader, SessionReader};
+use logbook::{Event, FrameRecord, LogbookError, SessionHeader, SessionReader};
 use survey::Baseline;
 
 /// The parts of a session in order, at least one.
@@ -104,7 +104,7 @@ impl SessionParts {
     ///
     /// # Errors
     /// A part cannot be read, or the frame is damaged.
-    pub fn last(&self) -> Result<Option<Record>, LogbookError> {
+    pub fn last(&self) -> Result<Option<FrameRecord>, LogbookError> {
         let last = self.last_sequence()?;
         match last < self.header().first_sequence {
             true => Ok(None),
@@ -116,19 +116,22 @@ impl SessionParts {
     ///
     /// # Errors
     /// It does not exist or is damaged.
-    pub fn frame(&self, sequence: u64) -> Result<Record, LogbookError> {
+    pub fn frame(&self, sequence: u64) -> Result<FrameRecord, LogbookError> {
         let mut before = self.0.iter().rev();
         let part = before.find(|part| part.header().first_sequence <= sequence);
         part.unwrap_or(&self.0[0]).frame(sequence)
     }
 
     /// All frames in order, each read on demand.
-    pub fn frames(&self) -> impl Iterator<Item = Result<Record, LogbookError>> {
+    pub fn frames(&self) -> impl Iterator<Item = Result<FrameRecord, LogbookError>> {
         self.frames_from(1)
     }
 
     /// The frames from a sequence number on, as [`SessionParts::frames`].
-    pub fn frames_from(&self, sequence: u64) -> impl Iterator<Item = Result<Record, LogbookError>> {
+    pub fn frames_from(
+        &self,
+        sequence: u64,
+    ) -> impl Iterator<Item = Result<FrameRecord, LogbookError>> {
         self.frames_between(sequence, u64::MAX)
     }
 
@@ -137,7 +140,7 @@ impl SessionParts {
         &self,
         first: u64,
         last: u64,
-    ) -> impl Iterator<Item = Result<Record, LogbookError>> {
+    ) -> impl Iterator<Item = Result<FrameRecord, LogbookError>> {
         self.with_next()
             .filter(move |(_, next)| next.is_none_or(|next| next > first))
             .take_while(move |(part, _)| part.header().first_sequence <= last)

@@ -2,7 +2,7 @@
 
 use eit::Mesh;
 use imaging::recorded::RecordedFrame;
-use logbook::Record;
+use logbook::FrameRecord;
 use netcdf3::DataType;
 
 use super::layout::{Layout, RecordBytes};
@@ -115,7 +115,11 @@ impl<'a> MapVariables<'a> {
         self.made
     }
 
-    pub(super) fn put(&mut self, bytes: &mut RecordBytes, record: &Record) -> Result<(), Failure> {
+    pub(super) fn put(
+        &mut self,
+        bytes: &mut RecordBytes,
+        record: &FrameRecord,
+    ) -> Result<(), Failure> {
         let frame = RecordedFrame {
             sequence: record.frame.sequence,
             label: record.frame.sequence.to_string(),

@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::Path;
 
 use imaging::recorded::SessionParts;
-use logbook::Record;
+use logbook::FrameRecord;
 use netcdf3::DataType;
 use outfile::OutFile;
 use survey::{Electrode, Measurement};
@@ -100,7 +100,7 @@ pub(super) fn write(
 /// Everything before the records.
 fn layout(
     session: &SessionParts,
-    first: &Record,
+    first: &FrameRecord,
     reconstruction: Option<&Reconstruction>,
     sd: bool,
 ) -> Result<Layout, Failure> {
@@ -260,7 +260,7 @@ fn layout(
 }
 
 /// The values of a frame, in the order of [`layout`].
-fn frame(bytes: &mut RecordBytes, record: &Record) -> Result<(), Failure> {
+fn frame(bytes: &mut RecordBytes, record: &FrameRecord) -> Result<(), Failure> {
     let frame = &record.frame;
     let sequence = i32::try_from(frame.sequence).map_err(|_| {
         Failure::Failed(format!(

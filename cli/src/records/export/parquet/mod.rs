@@ -8,7 +8,7 @@ use std::path::Path;
 use chrono::{DateTime, Utc};
 use imaging::quantities::{STORED_S, joined, stored};
 use imaging::recorded::SessionParts;
-use logbook::{Record, SessionHeader};
+use logbook::{FrameRecord, SessionHeader};
 use outfile::OutFile;
 
 use super::csv::{electrodes, missing};
@@ -80,7 +80,7 @@ pub(super) fn write(
     let mut columns = named(&FRAME);
     columns.extend((0..header.protocol.len()).map(|reading| (format!("m{reading}_V"), Kind::Real)));
     let mut table = Table::new(frames, &columns, &facts(header))?;
-    let mut group: Vec<Record> = Vec::with_capacity(GROUP);
+    let mut group: Vec<FrameRecord> = Vec::with_capacity(GROUP);
     let (mut written, mut last) = (0, header.first_sequence - 1);
     let damaged = super::each_frame(session, printer.is_terminal(), |record| {
         last = record.frame.sequence;
@@ -182,11 +182,11 @@ fn micros(begin_s: i64) -> i64 {
 }
 
 /// The columns of a group of frames.
-fn of_frames(records: &[Record], readings: usize) -> Vec<Column> {
-    let real = |of: fn(&Record) -> f64| {
+fn of_frames(records: &[FrameRecord], readings: usize) -> Vec<Column> {
+    let real = |of: fn(&FrameRecord) -> f64| {
         Column::Real(records.iter().map(|record| Some(of(record))).collect())
     };
-    let text = |of: fn(&Record) -> String| {
+    let text = |of: fn(&FrameRecord) -> String| {
         let texts = records.iter().map(of);
         Column::Text(
             texts
@@ -194,7 +194,7 @@ fn of_frames(records: &[Record], readings: usize) -> Vec<Column> {
                 .collect(),
         )
     };
-    let whole = |of: fn(&Record) -> i64| Column::Whole(records.iter().map(of).collect());
+    let whole = |of: fn(&FrameRecord) -> i64| Column::Whole(records.iter().map(of).collect());
     let mut columns = vec![
         whole(|record| record.frame.sequence as i64),
         whole(|record| record.frame.wall.timestamp_micros()),
