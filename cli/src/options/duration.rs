@@ -58,10 +58,11 @@ pub(crate) fn display_span(span: Duration) -> String {
 
 /// Formats a possibly long time with one unit: `1.4 s`, `1.5 min`, `2.0 h`, `40.0 d`.
 pub(crate) fn display_long(seconds: f64) -> String {
+    // limits of the rounded numbers: neither 60.0 s nor 60.0 min is written
     match seconds.abs() {
-        short if short < 60.0 => format!("{seconds:.1} s"),
-        short if short < 3_600.0 => format!("{:.1} min", seconds / 60.0),
-        short if short < 2.0 * 86_400.0 => format!("{:.1} h", seconds / 3_600.0),
+        short if short < 59.95 => format!("{seconds:.1} s"),
+        short if short < 59.95 * 60.0 => format!("{:.1} min", seconds / 60.0),
+        short if short < 47.95 * 3_600.0 => format!("{:.1} h", seconds / 3_600.0),
         _ => format!("{:.1} d", seconds / 86_400.0),
     }
 }
@@ -111,5 +112,17 @@ mod tests {
         assert_eq!(display_span(Duration::from_millis(59_960)), "1 min 0 s");
         assert_eq!(display_span(Duration::from_secs(200)), "3 min 20 s");
         assert_eq!(display_span(Duration::from_secs(7_500)), "2 h 5 min");
+    }
+
+    #[test]
+    fn long_times_are_written_with_one_unit() {
+        for (seconds, text) in [
+            (1.44, "1.4 s"),
+            (59.96, "1.0 min"),
+            (3_598.0, "1.0 h"),
+            (172_700.0, "2.0 d"),
+        ] {
+            assert_eq!(display_long(seconds), text);
+        }
     }
 }

@@ -110,10 +110,19 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
                 dice,
             ];
             let figures = figures.map(|value| value.map(digits).unwrap_or_default());
-            print_line!("{name},{}", figures.join(","));
+            print_line!("{},{}", csv_text(name), figures.join(","));
         }
     }
     Ok(())
+}
+
+/// A text as a field of CSV, in double quotes if it would otherwise be read as several.
+fn csv_text(text: &str) -> String {
+    let text = survey::printable(text);
+    match text.contains([',', '"']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.into_owned(),
+    }
 }
 
 /// Every CSV file of the folder by its name, except the targets.

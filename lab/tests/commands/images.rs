@@ -59,6 +59,12 @@ fn likeness_without_a_true_load_is_left_blank() {
     let table = merit("");
     let fields: Vec<&str> = table.lines().nth(1).unwrap().split(',').collect();
     assert_eq!((fields[7], fields[8], fields[10]), ("", "", ""), "{table}");
+    for folder in [&images, &truth] {
+        std::fs::rename(folder.join("one.csv"), folder.join("a \"load\", big.csv")).unwrap();
+    }
+    let table = merit("");
+    let row = table.lines().nth(1).unwrap();
+    assert!(row.starts_with("\"a \"\"load\"\", big\","), "{table}");
     let figures: serde_json::Value = serde_json::from_str(&merit(" --json")).unwrap();
     for name in ["correlation", "relative_error", "dice"] {
         assert!(figures[name].is_null(), "{name}: {figures}");
