@@ -250,19 +250,13 @@ fn mathematics_uses_no_clock_no_runtime_no_bus() {
     let metadata = metadata();
     let crates = crates(&metadata);
     let mathematics = [
-        "survey", "scpi", "eit", "phantom", "render", "imaging", "training",
+        "survey", "scpi", "eit", "drift", "phantom", "render", "imaging", "training",
     ];
     for name in mathematics {
-        let Some(package) = crates.get(name) else {
-            continue;
-        };
+        let package = crates[name];
         let used = used_by(package);
         for service in ["tokio", "zbus", "tokio-serial", "mdns-sd"] {
             assert!(!used.contains(service), "{name} depends on {service}");
-        }
-        // these may read the clock: for the date in a drawing, and for the run time of an offline job
-        if ["render", "training"].contains(&name) {
-            continue;
         }
         for path in rust_files(&folder(package).join("src")) {
             let text = text(&path);
