@@ -9,7 +9,7 @@ use crate::catalogue::ArchivedName;
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed or not everything is archived, 2 usage, 3 no such session, 75 store or \
                           catalogue cannot be reached now: try again later, 78 configuration";
 
-/// Copies closed sessions to the archive: files to a store, their catalogue to PostgreSQL.
+/// Copies closed parts of sessions to the archive: files to a store, their catalogue to PostgreSQL.
 #[derive(Debug, Parser)]
 #[command(name = "tactus-archive", version, max_term_width = 100, after_long_help = EXIT_CODES)]
 pub(crate) struct Arguments {

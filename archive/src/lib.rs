@@ -1,4 +1,4 @@
-//! The archive: closed sessions of many sites in one place.
+//! The archive: closed parts of sessions of many sites in one place.
 //!
 //! - **part**: a closed file of a session; it never changes again
 //! - **store**: holds the files of parts, each under the hash of its content ([`Store`], [`Directory`])

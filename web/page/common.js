@@ -15,7 +15,7 @@ const QUANTITIES = [
   ["centre-y", "Centre of pressure, y", "mm", "mm"],
   ["speed", "Speed of the centre", "mm/s", "mm/s"],
   ["dose", "Largest dose", "kPa s", "lost share s"],
-  ["unrelieved", "Longest time without relief", "s", "s"],
+  ["unrelieved", "Longest unrelieved time", "s", "s"],
   ["unrelieved-area", "Unrelieved area", "mm\u00b2", "mm\u00b2"],
 ];
 const byId = id => document.getElementById(id);

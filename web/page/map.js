@@ -1,5 +1,5 @@
 "use strict";
-// Draws a map: one colour for each triangle, the outline, the electrodes, the 95 % region of the load, hot spots and their tracks.
+// Draws a map: one colour for each triangle, the outline, the electrodes, the 95 % ellipse of the load, hot spots and their tracks.
 
 // states of electrodes: colours that differ for the colour-blind too, and a sign
 const ELECTRODE_STATES = {

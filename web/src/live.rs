@@ -66,7 +66,8 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
                     if let Some(id) = running {
                         // the session may have ended since the status; if not, the next status opens it again
                         let opening = Following::open(&connection, &manager, id.clone(), session.clone(), live);
-                        let opened = tokio::time::timeout(PATIENCE, opening).await;
+                        // it makes four calls
+                        let opened = tokio::time::timeout(4 * PATIENCE, opening).await;
                         match opened.unwrap_or_else(|late| Err(late.into())) {
                             Ok(opened) => following = Some(opened),
                             Err(error) => trouble = Some(format!("the frames of {id} cannot be read: {error}")),

@@ -122,7 +122,7 @@ pub enum Command {
     Web(Web),
     /// List recorded sessions, from the running daemon's directory and the usual ones; check, repair, prune them
     Sessions(Sessions),
-    /// Archive closed sessions, or get them back; the same as `tactus-archive`
+    /// Archive closed parts of sessions, or get sessions back; the same as `tactus-archive`
     #[cfg(feature = "archive")]
     Archive {
         #[command(subcommand)]

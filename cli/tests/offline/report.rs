@@ -239,7 +239,7 @@ fn maps_of_another_unit_are_left_out_and_counted() {
     let left_out =
         "Left out: 1 of 3 frames examined; the first: the calibration does not belong to this map.";
     assert!(page.contains(left_out), "{left_out}");
-    // the longest time without relief is one of the worst moments
+    // the longest unrelieved time is one of the worst moments
     assert!(page.contains("kPa") && page.contains("longest unrelieved time: "));
 }
 

@@ -50,7 +50,7 @@ impl<S: Stream> Conversation<S> {
         &self.link
     }
 
-    /// The link, to replace its stream or to resynchronise it.
+    /// The link, to resynchronise it.
     pub fn link_mut(&mut self) -> &mut Link<S> {
         &mut self.link
     }

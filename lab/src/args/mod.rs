@@ -54,7 +54,7 @@ impl Replacing {
 pub(crate) enum Command {
     /// Make a case folder from a preset geometry, and print the quality of its mesh
     Mesh(MeshOptions),
-    /// Fit the sheet behind a baseline: how unevenly it was sprayed, and its contacts, as a case folder to reconstruct on
+    /// Fit conductance and contact impedances of the sheet to its baseline, and write them as a case folder for reconstruction
     Sheet(SheetOptions),
     /// Solve the forward model: readings of a case for one conductance or many
     Forward(ForwardOptions),

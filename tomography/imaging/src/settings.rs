@@ -13,7 +13,7 @@ pub enum Method {
     /// One-step difference reconstruction
     #[default]
     OneStep,
-    /// Chooses the best method for each frame and its noise; the map states which, and why
+    /// Shapes, a smooth load or total variation, by the full forward model; the map states which, and why
     Best,
     /// Total variation, to a stated gap
     Tv,

@@ -314,7 +314,7 @@ impl Phantom {
     }
 
     /// Whether an effect acts on relays and wires, so that [`Phantom::relay_contact`] is needed.
-    pub fn bends_wires(&self) -> bool {
+    pub fn affects_wires(&self) -> bool {
         !self.effects.wires.is_empty()
     }
 

@@ -175,7 +175,7 @@ pub enum MapKind {
     Quick,
     /// The map of the session's own method and baseline.
     Exact,
-    /// Time without relief of each triangle, s.
+    /// Unrelieved time of each triangle, s.
     Unrelieved,
     /// Standard deviation of each triangle of the exact map; NaN if the frame gives no information about it.
     Deviation,

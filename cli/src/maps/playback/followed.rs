@@ -1,5 +1,5 @@
-//! Tracks the baseline of a recorded session once, in the background. Keeps states to start from, quantities, and times
-//! without relief.
+//! Tracks the baseline of a recorded session once, in the background. Keeps states to start from, quantities, and
+//! unrelieved times.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,7 +21,7 @@ use crate::options::choices::TrackedArguments;
 const STATES: usize = 64;
 /// Most frames for which a map is made.
 const MAPS: usize = 5000;
-/// Maps of the time without relief that are kept.
+/// Maps of the unrelieved time that are kept.
 const UNRELIEVED: usize = 256;
 
 /// The results for a session so far.
@@ -39,9 +39,9 @@ pub(super) struct Known {
     rows: Vec<QuantityRow>,
     /// The source of the rows.
     source: String,
-    /// Number of a frame and the time without relief of each triangle after it, s.
+    /// Number of a frame and the unrelieved time of each triangle after it, s.
     unrelieved: Vec<(u64, Arc<[f32]>)>,
-    /// Why the times without relief are unknown.
+    /// Why the unrelieved times are unknown.
     no_unrelieved: Option<String>,
     failed: Option<String>,
     ended: bool,
@@ -86,7 +86,7 @@ impl Known {
         }
     }
 
-    /// The times without relief after the last frame with a map up to this one, and the number of that frame.
+    /// The unrelieved times after the last frame with a map up to this one, and the number of that frame.
     pub(super) fn unrelieved(&self, sequence: u64) -> Result<(u64, Arc<[f32]>), String> {
         if let Some(why) = &self.no_unrelieved {
             return Err(why.clone());
@@ -173,7 +173,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
     }
     let mut rows = Rows::new(STORED_S);
     let mut last_s: Option<f64> = None;
-    // whether the times without relief of the next frame with a usable map are to be kept
+    // whether the unrelieved times of the next frame with a usable map are to be kept
     let mut is_due = false;
     for (index, frame) in recording.frames().filter_map(Result::ok).enumerate() {
         if shared.cancelled.load(Ordering::Relaxed) {
@@ -206,7 +206,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
             let step_s = at_s.zip(last_s).map(|(at_s, last_s)| at_s - last_s);
             if every > 1 && step_s.is_some_and(|step_s| step_s > hold_s) {
                 known.no_unrelieved = Some(format!(
-                    "time without relief is not known: of this long session only one in {every} frames is used, and \
+                    "unrelieved time is not known: of this long session only one in {every} frames is used, and \
                      these are more than {hold_s} s apart"
                 ));
             }

@@ -132,7 +132,7 @@ pub(super) fn worst(
             .find(|region| region.name == SHEET);
         for index in wanted {
             let search = &mut searches[index];
-            // the time without relief grows within the span: its largest value is that of the last frame
+            // the unrelieved time grows within the span: its largest value is that of the last frame
             let value = match search.row.quantity {
                 Quantity::Unrelieved => search.seen as f64,
                 quantity => match sheet.and_then(|sheet| sheet.values.get(quantity)) {

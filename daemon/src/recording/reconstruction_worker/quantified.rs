@@ -13,7 +13,7 @@ use survey::error_chain as chain;
 
 use super::{Failure, Mapped};
 
-/// Time between two stored states, s: dose and time without relief of this time are lost in a power cut.
+/// Time between two stored states, s: dose and unrelieved time of this time are lost in a power cut.
 const KEPT_EVERY_S: f64 = 300.0;
 /// Minimum time between two frames with standard deviations, s: they cost the time of 16 maps, which delays the frame.
 const DEVIATION_EVERY_S: f64 = 1.0;
@@ -75,14 +75,14 @@ impl Quantified {
                 Ok(()) => context.after.saturating_sub(quantified.sequence),
                 Err(why) => {
                     remarks.push(format!(
-                        "dose, time without relief and hot spots begin again: {why}"
+                        "dose, unrelieved time and hot spots begin again: {why}"
                     ));
                     0
                 }
             };
             if without > 0 {
                 remarks.push(format!(
-                    "dose and time without relief leave out the last {without} frames before the restart; `tactus quantities \
+                    "dose and unrelieved time leave out the last {without} frames before the restart; `tactus quantities \
                      --recompute` includes them"
                 ));
             }
@@ -158,7 +158,7 @@ impl Quantified {
         let kept = keep_course(&self.folder, &self.session, &kept);
         self.reported(
             kept,
-            "a restart would begin dose and time without relief again",
+            "a restart would begin dose and unrelieved time again",
             remarks,
         );
     }

@@ -7,8 +7,8 @@
 //! Assumptions where the fact sheet has no information: a command error ends its message, an execution error does not.
 //! A setting of the voltmeter waits for the end of a measurement if the end can be foreseen, and is rejected otherwise;
 //! relays may be moved during a scan. `*OPC?` does not wait for an operation that only a trigger or ABOR can end. A
-//! READ? of more readings than the memory holds, or without end, is rejected. Readings of READ? are taken ahead of
-//! their time: for a message of another session meanwhile, the relays are already in their state after the scan.
+//! READ? of more readings than the memory holds, or without end, is rejected. The readings of READ? are computed
+//! when the command arrives: a message of another session during the scan finds the relays in their state after the scan.
 
 mod calendar;
 mod errors;
@@ -41,8 +41,8 @@ use sessions::Sessions;
 
 /// The circuit that the mainframe's relays and voltmeter are connected to. The simulated rig implements it.
 pub trait Wires {
-    /// Called with the closed relays whenever they change; during a scan for every channel. A stuck relay is passed in
-    /// its actual state, not in the one that the mainframe assumes.
+    /// Called with the closed relays whenever they change; during a scan for every channel. A relay that is stuck
+    /// in the circuit is passed as commanded.
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration);
 
     /// Called instead of [`Wires::relays`] for sweeps that are not measured, because their readings would be

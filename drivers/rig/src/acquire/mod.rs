@@ -39,7 +39,7 @@ pub struct AcquireError {
 /// Why a plan ended early.
 #[derive(Debug)]
 pub enum EndReason {
-    /// Source or voltmeter could not be set up.
+    /// Source, switch or voltmeter could not be set up.
     Prepare(RigError),
     /// A step failed: its number (from 1), the step, and the error.
     Step(usize, Step, RigError),

@@ -13,7 +13,7 @@ pub(crate) struct PaperOptions {
     /// Small networks and few frames, about a minute: a test that everything runs; the results are not accurate [default]
     #[arg(long, conflicts_with = "full")]
     pub(crate) quick: bool,
-    /// The paper's sizes: 75,000 cases, 30 epochs; takes hours, an interrupted run is continued
+    /// The paper's sizes: 75,000 samples (15,000 cases, five copies of each), 30 epochs; takes hours, an interrupted run is continued
     #[arg(long)]
     pub(crate) full: bool,
     /// Only this figure N of the paper: 3 to 7 [default: all]

@@ -14,7 +14,7 @@ pub(crate) struct TradeoffOptions {
     /// Small meshes and few frames: a test that everything runs; the results are not accurate [default]
     #[arg(long, conflicts_with = "full")]
     pub(crate) quick: bool,
-    /// The sizes of the kept results; takes tens of minutes, an interrupted run is continued
+    /// The sizes of the kept results; takes about 90 minutes on two cores, an interrupted run is continued
     #[arg(long)]
     pub(crate) full: bool,
     /// Only this diagram (repeatable) [default: all]

@@ -16,7 +16,7 @@ const LOADS: usize = 40;
 const REGION: f64 = 2.448;
 const INTERVAL: f64 = 1.96;
 
-/// Whether the 95 % region of a fit contains the true centre, and the error of its centre, mm.
+/// Whether the 95 % ellipse of a fit contains the true centre, and the error of its centre, mm.
 fn judged(fit: &DiscFit, centre: [f64; 2]) -> (bool, f64) {
     let [x, y] = [0, 1].map(|axis| fit.disc.centre[axis] - centre[axis]);
     let [[xx, xy], [_, yy]] = fit.covariance;

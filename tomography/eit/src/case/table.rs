@@ -183,7 +183,12 @@ impl Table {
 
     /// The error of a line with too few or too many fields.
     pub(super) fn wrong_columns(&self, line: usize, has: usize, wants: impl Display) -> CaseError {
-        self.refused(line, format!("{has} columns, {wants} are needed"))
+        let beside = if self.labels.is_some() {
+            " beside the labels"
+        } else {
+            ""
+        };
+        self.refused(line, format!("{has} columns{beside}, {wants} are needed"))
     }
 
     pub(super) fn index(&self, line: usize, what: &str, value: f64) -> Result<usize, CaseError> {

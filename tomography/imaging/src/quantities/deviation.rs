@@ -14,7 +14,7 @@ use crate::tracking::principal_axes;
 
 /// Number of noisy copies of a frame. A standard deviation of 16 draws has a standard error of 18 %.
 const DRAWS: usize = 16;
-/// Radius of the 95 % region of a position, in standard deviations estimated from 16 draws: by Hotelling's distribution
+/// Radius of the 95 % ellipse of a position, in standard deviations estimated from 16 draws: by Hotelling's distribution
 /// the root of 2 (15 / 14) F, F = 3.7389 with 2 and 14 degrees of freedom.
 const REGION_95: f64 = 2.8305;
 /// Half width of the 95 % interval of a number, in the same unit: Student's distribution with 15 degrees of freedom.
@@ -158,7 +158,7 @@ fn nearest<'a>(spot: &HotSpot, spots: &'a [HotSpot]) -> Option<&'a HotSpot> {
     Some(nearest).filter(|other| apart(other) <= radius(spot))
 }
 
-/// 95 % region and interval of a hot spot from the corresponding hot spots of the noisy maps.
+/// 95 % ellipse and interval of a hot spot from the corresponding hot spots of the noisy maps.
 fn uncertainty(spot: &HotSpot, drawn: &[&HotSpot], unit: LoadUnit) -> SpotUncertainty {
     let [x, y] = [0, 1].map(|axis| -> Vec<f64> { drawn.iter().map(|s| s.centre[axis]).collect() });
     let across = covariance(&x, &y);

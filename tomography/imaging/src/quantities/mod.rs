@@ -239,7 +239,7 @@ impl Quantifier {
         self.course.dose()
     }
 
-    /// Time without relief of each triangle, s; see [`Quantity::Unrelieved`].
+    /// Unrelieved time of each triangle, s; see [`Quantity::Unrelieved`].
     pub fn unrelieved(&self) -> &[f64] {
         self.course.unrelieved()
     }

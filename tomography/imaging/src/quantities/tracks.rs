@@ -35,7 +35,7 @@ pub struct SpotTrack {
     pub speed_mm_s: Option<f64>,
 }
 
-/// 95 % region of a hot spot's centre and 95 % interval of its load; noise is the only error considered.
+/// 95 % ellipse of a hot spot's centre and 95 % interval of its load; noise is the only error considered.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SpotUncertainty {
     /// Half axes of the ellipse about the centre, mm, the longer first.

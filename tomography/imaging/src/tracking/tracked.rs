@@ -89,7 +89,7 @@ impl Doubtful {
     }
 }
 
-/// Position and size of a load: 95 % region and 95 % interval.
+/// Position and size of a load: 95 % ellipse and 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaceRegion {
     /// Centre, mm.

@@ -55,7 +55,7 @@ pub enum MapMethod {
     Tv,
     /// Total variation, bounded to losses
     TvLossOnly,
-    /// The best of the methods
+    /// The method `best`
     Best,
 }
 

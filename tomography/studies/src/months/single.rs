@@ -74,7 +74,7 @@ pub struct SingleRow {
     pub p95_mm: f64,
     /// Share of fits that are accepted; `None` for maps.
     pub accepted: Option<f64>,
-    /// Share of accepted fits whose 95 % region contains the truth; `None` for maps, or if no fit is accepted.
+    /// Share of accepted fits whose 95 % ellipse contains the truth; `None` for maps, or if no fit is accepted.
     pub covered: Option<f64>,
 }
 
@@ -84,7 +84,7 @@ struct Located {
     diameter: usize,
     locator: Locator,
     error_mm: f64,
-    /// Whether the fit is accepted, and whether its 95 % region contains the truth; `None` for maps.
+    /// Whether the fit is accepted, and whether its 95 % ellipse contains the truth; `None` for maps.
     disc: Option<(bool, bool)>,
 }
 
@@ -303,7 +303,7 @@ pub(super) fn locate(
     ])
 }
 
-/// Whether the 95 % region contains the truth (mm).
+/// Whether the 95 % ellipse contains the truth (mm).
 pub(super) fn covers(fit: &DiscFit, press_mm: [f64; 2]) -> bool {
     distance(fit, press_mm) <= CHI_95
 }

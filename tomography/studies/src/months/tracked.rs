@@ -161,7 +161,7 @@ pub struct PressRow {
     pub most_mm: f64,
     /// Number of accepted fits.
     pub accepted: usize,
-    /// Number of accepted fits whose 95 % region contains the truth.
+    /// Number of accepted fits whose 95 % ellipse contains the truth.
     pub covered: usize,
 }
 
@@ -201,7 +201,7 @@ struct Judged {
     span: usize,
     truth: Truth,
     answer: Answer,
-    /// Distance from the truth, mm; whether the fit is accepted; whether its 95 % region contains the truth.
+    /// Distance from the truth, mm; whether the fit is accepted; whether its 95 % ellipse contains the truth.
     press: Option<(f64, bool, bool)>,
     zero: Option<f64>,
     ms: f64,

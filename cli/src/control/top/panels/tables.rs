@@ -106,7 +106,7 @@ pub(crate) fn hot_spots(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-/// A hot spot on one line of at most `columns` if possible; with the 95 % region of its position if that fits.
+/// A hot spot on one line of at most `columns` if possible; with the 95 % ellipse of its position if that fits.
 fn hot_spot(seen: &FrameQuantities, spot: &SpotTrack, columns: usize) -> String {
     let [x, y] = spot.centre_mm;
     let peak = match seen.unit {

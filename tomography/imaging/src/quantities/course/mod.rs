@@ -1,4 +1,4 @@
-//! Quantities over time: dose and time without relief of each triangle, and the path of the centre of pressure.
+//! Quantities over time: dose and unrelieved time of each triangle, and the path of the centre of pressure.
 
 mod state;
 
@@ -96,7 +96,7 @@ impl Course {
         &self.dose
     }
 
-    /// Time without relief of each triangle, s.
+    /// Unrelieved time of each triangle, s.
     pub(super) fn unrelieved(&self) -> &[f64] {
         &self.unrelieved
     }

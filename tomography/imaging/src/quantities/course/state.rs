@@ -20,7 +20,7 @@ pub(crate) struct CourseState {
     dose: Sparse,
     dose_excess: Sparse,
     unrelieved: Sparse,
-    /// Only for triangles with a time without relief; for the others it has no effect.
+    /// Only for triangles with an unrelieved time; for the others it has no effect.
     relieved: Sparse,
     parts: Vec<PartState>,
     paths: Vec<PathState>,

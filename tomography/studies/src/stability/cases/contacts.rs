@@ -101,7 +101,7 @@ pub(crate) fn open_contact() -> Result<Outcome, Failure> {
     ])
     .noted(
         "the naive form grounds an electrode. 105 V is the most that the source gives: it clamps, and the frame names the \
-         electrode (bench: nothing_connected_is_compliance_and_no_current)",
+         electrode (simulator: nothing_connected_is_compliance_and_no_current)",
     ))
 }
 

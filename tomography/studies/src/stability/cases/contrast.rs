@@ -113,7 +113,7 @@ pub(crate) fn insulator() -> Result<Outcome, Failure> {
         ),
     ])
     .noted(
-        "f64 bears this condition number; the errors come from a floor of 1e-3, which is meant to avoid it, and from f32",
+        "f64 is accurate enough for this condition number; the errors come from a floor of 1e-3, which is meant to avoid it, and from f32",
     ))
 }
 

@@ -199,7 +199,7 @@ pub(crate) fn dose() -> Result<Outcome, Failure> {
             1e-12,
         ),
         Check::at_most(
-            "change of the time without relief (3 h) by a gap of 2 h, s",
+            "change of the unrelieved time (3 h) by a gap of 2 h, s",
             Naive::Error(lost[1]),
             lost[0],
             0.0,
