@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use imaging::recorded::SessionParts;
-use logbook::{LogbookError, FrameRecord};
+use logbook::{FrameRecord, LogbookError};
 use numpy::PyArray1;
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError};
 use pyo3::prelude::*;
